@@ -1,0 +1,227 @@
+"""Settings as small frozen dataclasses that check types and ranges.
+
+`params.yaml` and `conf/` compose to nested mappings; `parse` turns a part of them into one of these
+classes or fails with one line that names the key, the value and what is allowed.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from shaftpose.errors import InputError
+
+T = TypeVar("T")
+
+_STRICT = ConfigDict(extra="forbid")
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"the lower end {pair[0]:g} is above the upper end {pair[1]:g}; swap them")
+    return pair
+
+
+def _ascending_counts(pair: tuple[int, int]) -> tuple[int, int]:
+    _ascending(pair)
+    return pair
+
+
+def _fractions(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= pair[0] <= pair[1] <= 1:
+        raise ValueError("both ends must lie in [0, 1], the lower one first")
+    return pair
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
+Count = Annotated[int, Field(ge=0)]
+PositiveInt = Annotated[int, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+InstrumentCounts = Annotated[
+    tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0, le=8)]],
+    AfterValidator(_ascending_counts),
+]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class CameraSettings:
+    """The endoscope: a square image of `size_px` and its perspective angle (paper, II)."""
+
+    size_px: PositiveInt
+    view_deg: Annotated[float, Field(gt=0, lt=170)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class PoseRanges:
+    """Ranges that poses are drawn from and normalised by (paper, Table of ranges)."""
+
+    x_mm: Range
+    y_mm: Range
+    z_mm: Range
+    pitch_deg: Range
+    yaw_deg: Range
+
+    @property
+    def low(self) -> tuple[float, ...]:
+        """(5,) lower ends in the order x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return tuple(pair[0] for pair in self._pairs)
+
+    @property
+    def high(self) -> tuple[float, ...]:
+        """(5,) upper ends in the same order."""
+        return tuple(pair[1] for pair in self._pairs)
+
+    @property
+    def _pairs(self) -> tuple[Range, ...]:
+        return self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ShaftSettings:
+    """The instrument: a straight steel rod."""
+
+    diameter_mm: Positive
+    length_mm: Positive
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SceneSettings:
+    """What is drawn at random around the poses of one image.
+
+    instruments: fewest and most shafts; lens_radius_mm: sphere around the camera that no shaft
+    cuts; min_visible_px: a shaft with fewer visible pixels is drawn again; light_strength: radiant
+    power of the scope's light in W; ambient: brightness of the background as the metal sees it, 1
+    is as photographed; roughness: of the steel; scratches: strength of the normal map;
+    occluder_probability: chance that tissue hides part of an image's shafts.
+    """
+
+    instruments: InstrumentCounts
+    lens_radius_mm: Annotated[float, Field(ge=0)]
+    min_visible_px: PositiveInt
+    light_strength: Range
+    light_kelvin: Range
+    ambient: Range
+    steel_grey: UnitRange
+    roughness: UnitRange
+    scratches: UnitRange
+    occluder_probability: Fraction
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LensSettings:
+    """What lens, air and sensor do to the finished image; all zero in the paper's setting.
+
+    blur_px: standard deviation of the defocus; haze: opacity of surgical smoke; vignette: darkening
+    at the corners; noise: standard deviation of sensor noise in grey levels of 255.
+    """
+
+    blur_px: Range
+    haze: UnitRange
+    vignette: UnitRange
+    noise: Range
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RenderSettings:
+    """Everything that determines the images of a rendered set besides its backgrounds and seed."""
+
+    camera: CameraSettings
+    poses: PoseRanges
+    shaft: ShaftSettings
+    scene: SceneSettings
+    lens: LensSettings
+    samples: PositiveInt
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Size:
+    """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys."""
+
+    sources: PositiveInt
+    variations: PositiveInt
+    images: PositiveInt
+    images_per_shard: PositiveInt
+    samples: PositiveInt
+    test_set: PositiveInt
+    real: PositiveInt
+    width: Positive
+    batch_size: PositiveInt
+    steps: PositiveInt
+    warmup_steps: Count
+    learning_rate: Positive
+    precision: str
+
+
+@dataclass(frozen=True, config=_STRICT)
+class BackgroundSettings:
+    """Where backgrounds come from and how their colours vary; factors are of saturation and
+    brightness."""
+
+    source: str | None
+    hue_deg: Range
+    saturation: Range
+    brightness: Range
+    held_out: Annotated[float, Field(gt=0, lt=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SplitSettings:
+    """Shares of the images that test and validate; see `shaftpose.dataset.split`."""
+
+    method: Literal["grouped", "random"]
+    test: Annotated[float, Field(gt=0, lt=1)]
+    validation: Annotated[float, Field(gt=0, lt=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LossSettings:
+    """Weights of the loss (paper, loss function); beta in the order x, y, z, pitch, yaw."""
+
+    alpha: Annotated[float, Field(ge=0)]
+    gamma: Positive
+    beta: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=5, max_length=5)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class DetectionSettings:
+    """From candidates to detections: see `shaftpose.network.decoding`."""
+
+    candidates: PositiveInt
+    overlap: Fraction
+    most: PositiveInt
+    confidence: Fraction
+
+
+def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:
+    """`values` as a `kind`.
+
+    where: how the user finds the values, e.g. "params.yaml: loss"; it opens the message.
+    Raises InputError naming the first key that is wrong, its value and what is allowed.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(dict(values))
+    except ValidationError as error:
+        raise InputError(_first_complaint(error, where)) from error
+
+
+def _first_complaint(error: ValidationError, where: str) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{where}.{key} = {first['input']!r}: {message}"
+
+
+def to_json(settings: object) -> str:
+    """A settings object as JSON; `from_json` reads it back."""
+    return TypeAdapter(type(settings)).dump_json(settings, indent=1).decode()
+
+
+def from_json(kind: type[T], path: Path) -> T:
+    """A settings object from a JSON file. Raises InputError naming the file."""
+    return parse(kind, json.loads(path.read_text()), str(path))

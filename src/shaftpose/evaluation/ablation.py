@@ -1,0 +1,77 @@
+"""The plain data of an ablation study: what was trained, on how much, and what it scored."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from shaftpose.errors import InputError
+from shaftpose.evaluation.paper_tables import TABLE_I
+
+STAND_IN = "stand-in"
+REAL = "real"
+
+MetricValues = Mapping[str, float | int | None]
+
+
+@dataclass(frozen=True)
+class VariantRow:
+    """One trained variant.
+
+    `metrics` are those of `Metrics.as_dict()` (means over `seeds`); `width` is the backbone's
+    channel multiplier; `parameters` counts the network's weights. `title` is needed only by
+    variants that the paper does not have.
+    """
+
+    variant: str
+    metrics: MetricValues
+    training_images: int
+    test_images: int
+    steps: int
+    batch_size: int
+    width: float
+    seeds: tuple[int, ...]
+    parameters: int
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Champion:
+    """The variant that goes on to deployment, and the rule it was chosen by, as one sentence."""
+
+    variant: str
+    rule: str
+
+
+@dataclass(frozen=True)
+class AblationReport:
+    """Everything the report shows.
+
+    `constant`: metrics of the constant predictor. `silhouette`: by variant and set of images
+    (`rendered/clear`, `rendered/occluded`, `real/clear`, `real/occluded`) the fields of a
+    `SilhouetteScore`. `domain_label`: what the "real" domain was in this study, `stand-in` or
+    `real`. `figures`: PNG files by title.
+    """
+
+    rows: list[VariantRow]
+    constant: MetricValues
+    silhouette: Mapping[str, Mapping[str, MetricValues]]
+    domain_label: str
+    champion: Champion
+    figures: Mapping[str, Path] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.domain_label not in (STAND_IN, REAL):
+            raise InputError(
+                f"domain_label is {self.domain_label!r}: use {STAND_IN!r} or {REAL!r}, so that "
+                "readers know whether real images were measured"
+            )
+
+
+def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
+    """The paper's title of a variant, or else its own (its name if it has none).
+
+    If stand-ins were used for real images, a title that speaks of "real" says so.
+    """
+    title = TABLE_I[variant].title if variant in TABLE_I else own_title or variant
+    mixed_in_stand_ins = domain_label == STAND_IN and REAL in title.split(" + ")
+    return f"{title} ({STAND_IN})" if mixed_in_stand_ins else title

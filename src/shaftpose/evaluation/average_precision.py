@@ -1,0 +1,66 @@
+"""Average precision as defined by PASCAL VOC 2010, for the one class "instrument"."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
+from shaftpose.instruments import Annotations, Detections
+
+
+@dataclass(frozen=True)
+class PrecisionRecall:
+    """Recall, precision and score (K,) after each detection of a set, best score first."""
+
+    recall: Array
+    precision: Array
+    scores: Array
+
+
+def precision_recall(
+    detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float = 0.5
+) -> PrecisionRecall:
+    """The curve over a whole set of images.
+
+    Going down the scores of all images, a detection is right if the instrument that it overlaps
+    most reaches `iou_threshold` and was not found before. A second detection of an instrument is
+    an error; it does not pass on to the next best instrument (as in VOC's development kit).
+    Recall is 0 where the set has no instrument.
+    """
+    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
+    order = np.argsort(-scores, kind="stable")
+    right = _first_finds(_hit_instruments(detections, annotations, iou_threshold)[order])
+    instruments = sum(len(known.boxes) for known in annotations)
+    true_positives = np.cumsum(right)
+    return PrecisionRecall(
+        recall=true_positives / max(instruments, 1),
+        precision=true_positives / np.arange(1, len(right) + 1),
+        scores=scores[order],
+    )
+
+
+def average_precision(curve: PrecisionRecall) -> float:
+    """Area under the precision envelope, at every recall (VOC 2010, not the older 11 points)."""
+    recall = np.concatenate([[0.0], curve.recall])
+    envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
+    return float(np.sum(np.diff(recall) * envelope))
+
+
+def _hit_instruments(
+    detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float
+) -> Indices:
+    """(K,) the instrument that each detection of the set hits, numbered through all images."""
+    hits, offset = [np.empty(0, dtype=np.intp)], 0
+    for found, known in zip(detections, annotations, strict=True):
+        best = best_instruments(found.boxes, known.boxes, iou_threshold)
+        hits.append(np.where(best >= 0, best + offset, -1))
+        offset += len(known.boxes)
+    return np.concatenate(hits)
+
+
+def _first_finds(instruments: Indices) -> NDArray[np.bool_]:
+    first = np.zeros(len(instruments), dtype=bool)
+    first[first_hits(instruments)] = True
+    return first

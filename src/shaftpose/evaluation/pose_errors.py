@@ -1,0 +1,82 @@
+"""Pose errors of the instruments that were found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shaftpose.evaluation.boxes import Array, best_instruments, first_hits
+from shaftpose.geometry import axis_direction
+from shaftpose.instruments import POSE_DIMENSIONS, Annotations, Detections
+
+YAW = POSE_DIMENSIONS.index("yaw_deg")
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors of M instruments.
+
+    differences: (M, 5) predicted minus true in mm and deg, yaw the short way round;
+    axis_deg: (M,) angle between the shafts' axes; tip_mm: (M,) distance between the tips;
+    true_poses: (M, 5).
+    """
+
+    differences: Array
+    axis_deg: Array
+    tip_mm: Array
+    true_poses: Array
+
+    @property
+    def absolute(self) -> Array:
+        """(M, 5) absolute differences; yaw in [0, 180] deg."""
+        return np.abs(self.differences)
+
+    def means(self) -> dict[str, float | None]:
+        """Mean absolute error by metric name; None where no instrument was matched."""
+        errors = dict(zip(POSE_DIMENSIONS, self.absolute.T, strict=True))
+        errors |= {"axis_deg": self.axis_deg, "tip_mm": self.tip_mm}
+        return {name: float(np.mean(e)) if len(e) else None for name, e in errors.items()}
+
+
+def pose_errors(
+    detections: Sequence[Detections],
+    annotations: Sequence[Annotations],
+    confidence: float = 0.5,
+    iou_threshold: float = 0.5,
+) -> PoseErrors:
+    """Errors of every instrument that a detection of at least `confidence` hits.
+
+    A detection belongs to the instrument of its image that it overlaps most, if by at least
+    `iou_threshold`; of several detections of one instrument the best score speaks. Images whose
+    poses are unknown are passed over.
+    """
+    predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
+    for found, known in zip(detections, annotations, strict=True):
+        if known.poses is None:
+            continue
+        found = found.above(confidence)
+        order = np.argsort(-found.scores, kind="stable")
+        hit = best_instruments(found.boxes[order], known.boxes, iou_threshold)
+        first = first_hits(hit)
+        predicted.append(found.poses[order][first])
+        true.append(known.poses[hit[first]])
+    return errors_between(np.concatenate(predicted), np.concatenate(true))
+
+
+def errors_between(predicted: Array, true: Array) -> PoseErrors:
+    """Errors of predicted poses (M, 5) paired with true poses (M, 5)."""
+    differences = predicted - true
+    differences[:, YAW] = (differences[:, YAW] + 180.0) % 360.0 - 180.0
+    axes = axis_direction(predicted[:, 3], predicted[:, 4]), axis_direction(true[:, 3], true[:, 4])
+    return PoseErrors(
+        differences=differences,
+        axis_deg=_angles_deg(*axes),
+        tip_mm=np.linalg.norm(differences[:, :3], axis=-1),
+        true_poses=true,
+    )
+
+
+def _angles_deg(a: Array, b: Array) -> Array:
+    """Angles (M,) between unit vectors (M, 3); unlike arccos, exact for small angles, too."""
+    sine = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.degrees(np.arctan2(sine, np.sum(a * b, axis=-1)))

@@ -1,0 +1,154 @@
+"""The ablation report as Markdown, JSON and one self-contained HTML file."""
+
+import base64
+import json
+import math
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+
+from shaftpose.errors import InputError
+from shaftpose.evaluation import paper_tables, report_tables
+from shaftpose.evaluation.ablation import AblationReport, MetricValues, VariantRow, variant_title
+from shaftpose.evaluation.report_tables import MISSING, ComparedRow, show
+
+HEADLINES = (
+    report_tables.Column("mAP", "mAP", 3),
+    report_tables.Column("detected_rate", "Detected rate", 3),
+    report_tables.Column("tip_mm", "Tip error [mm]", 2),
+    report_tables.Column("axis_deg", "Axis error [deg]", 2),
+)
+
+
+def to_markdown(report: AblationReport) -> str:
+    """The report as Markdown; figures are linked by their paths, paper values stand first."""
+    headings_i = ["Variant", *(column.heading for column in report_tables.TABLE_I_COLUMNS)]
+    headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
+    rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
+    blocks = [
+        "# Ablation report",
+        f"Champion: **{_escape(report_tables.champion_title(report))}**. {report.champion.rule}",
+        "## Table I: accuracy on rendered test images (paper / ours)",
+        "A single value is ours: the paper has no such row.",
+        _pipe_table(headings_i, [_pair_cells(row) for row in report_tables.table_i(report)]),
+        *report_tables.table_i_scale(report),
+        "## Table II: re-rendered silhouettes (paper / ours)",
+        "A single value is ours: the paper has no such row.",
+        _pipe_table(headings_ii, rows_ii),
+        *report_tables.table_ii_scale(report),
+        "## How each variant was trained",
+        _pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
+    ]
+    figures = [f"![{title}]({Path(path).as_posix()})" for title, path in report.figures.items()]
+    return "\n\n".join(blocks + (["## Figures", *figures] if figures else [])) + "\n"
+
+
+def to_json(report: AblationReport) -> str:
+    """The report's numbers, the paper's beside ours; missing and non-finite values are null."""
+    content = {
+        "champion": asdict(report.champion),
+        "domain_label": report.domain_label,
+        "variants": [_json_row(row, report.domain_label) for row in report.rows],
+        "constant_predictor": _finite(report.constant),
+        "silhouette": {
+            variant: {
+                _json_set(name, report.domain_label): _finite(score) for name, score in sets.items()
+            }
+            for variant, sets in report.silhouette.items()
+        },
+        "paper_silhouette": {
+            variant: {name: asdict(pair) for name, pair in sets.items()}
+            for variant, sets in paper_tables.TABLE_II.items()
+        },
+        "paper_scale": {
+            "training_images": paper_tables.TRAINING_IMAGES,
+            "test_images": paper_tables.TEST_IMAGES,
+            "batch_size": paper_tables.BATCH_SIZE,
+        },
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def to_html(report: AblationReport) -> str:
+    """The report as one file that needs no other: figures inside, no scripts, no links."""
+    template = files("shaftpose.evaluation").joinpath("report.html.j2").read_text("utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(template).render(
+        report=report,
+        champion=report_tables.champion_title(report),
+        headlines=_headlines(report),
+        columns_i=report_tables.TABLE_I_COLUMNS,
+        columns_ii=report_tables.TABLE_II_COLUMNS,
+        setup_columns=report_tables.SETUP_COLUMNS,
+        rows_i=report_tables.table_i(report),
+        rows_ii=report_tables.table_ii(report),
+        setup_rows=report_tables.setup_rows(report),
+        notes_i=report_tables.table_i_scale(report),
+        notes_ii=report_tables.table_ii_scale(report),
+        figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
+        missing=MISSING,
+    )
+
+
+def _pair_cells(row: ComparedRow) -> list[str]:
+    """The title and then "paper / ours" for each column; ours alone if the paper has no row."""
+    title = f"**{row.title}**" if row.champion else row.title
+    if row.paper is None:
+        return [title, *row.ours]
+    return [title, *(f"{paper} / {ours}" for paper, ours in zip(row.paper, row.ours, strict=True))]
+
+
+def _domains(row: ComparedRow) -> str:
+    return row.domain if row.paper is None else f"{row.paper_domain} / {row.domain}"
+
+
+def _pipe_table(headings: list[str], rows: list[list[str]]) -> str:
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(_escape(cell) for cell in line) + " |" for line in lines)
+
+
+def _escape(cell: str) -> str:
+    return cell.replace("|", "\\|")
+
+
+def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:
+    paper = paper_tables.TABLE_I.get(row.variant)
+    return {
+        **asdict(row),
+        "title": variant_title(row.variant, domain_label, row.title),
+        "metrics": _finite(row.metrics),
+        "paper": asdict(paper) if paper else None,
+    }
+
+
+def _json_set(name: str, domain_label: str) -> str:
+    """`real/clear` under the name of what was measured, so `stand-in/clear` for stand-ins."""
+    domain, _, occlusion = name.partition("/")
+    return f"{domain_label}/{occlusion}" if domain == "real" else name
+
+
+def _finite(values: MetricValues) -> dict[str, float | int | None]:
+    return {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in values.items()
+    }
+
+
+def _headlines(report: AblationReport) -> list[tuple[str, str]]:
+    """The champion's figures of merit as (heading, value)."""
+    metrics: MetricValues = next(
+        (row.metrics for row in report.rows if row.variant == report.champion.variant), {}
+    )
+    return [(c.heading, show(metrics.get(c.name), c.decimals)) for c in HEADLINES]
+
+
+def _data_uri(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: the report's figure cannot be read: draw it first") from error
+    return "data:image/png;base64," + base64.b64encode(content).decode("ascii")

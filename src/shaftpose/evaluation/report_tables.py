@@ -1,0 +1,225 @@
+"""The report's tables as text cells: what Markdown and HTML both show."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+
+from shaftpose.evaluation import paper_tables
+from shaftpose.evaluation.ablation import (
+    STAND_IN,
+    AblationReport,
+    MetricValues,
+    VariantRow,
+    variant_title,
+)
+
+MISSING = "n/a"
+PAPER_DOMAINS = {"rendered": "artificial", "real": "real"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric by its name, how its heading reads and how many decimals it shows."""
+
+    name: str
+    heading: str
+    decimals: int
+
+
+SCALE = (Column("training_images", "Images", 0), Column("steps", "Steps", 0))
+TABLE_I_METRICS = (
+    Column("mAP", "mAP", 3),
+    Column("detected_rate", "Detected rate", 3),
+    Column("x_mm", "x [mm]", 2),
+    Column("y_mm", "y [mm]", 2),
+    Column("z_mm", "z [mm]", 2),
+    Column("pitch_deg", "Pitch [deg]", 2),
+    Column("yaw_deg", "Yaw [deg]", 2),
+    Column("axis_deg", "Axis [deg]", 2),
+    Column("tip_mm", "Tip [mm]", 2),
+    Column("fps", "fps", 1),
+)
+TABLE_I_COLUMNS = SCALE + TABLE_I_METRICS
+TABLE_II_COLUMNS = (
+    Column("clear/detected_rate", "Clear: detected rate", 3),
+    Column("clear/iou", "Clear: IoU", 3),
+    Column("occluded/detected_rate", "Occluded: detected rate", 3),
+    Column("occluded/iou", "Occluded: IoU", 3),
+)
+SETUP_COLUMNS = (
+    "Variant",
+    "Training images",
+    "Test images",
+    "Steps",
+    "Batch",
+    "Width",
+    "Seeds",
+    "Parameters",
+)
+
+
+@dataclass(frozen=True)
+class ComparedRow:
+    """A line of a table: the paper's cells (None if the paper has no such line) and ours.
+
+    Table II adds what each was measured on: a stand-in is never shown as the paper's domain.
+    """
+
+    title: str
+    paper: list[str] | None
+    ours: list[str]
+    domain: str = ""
+    paper_domain: str = ""
+    champion: bool = False
+
+
+def show(value: float | int | None, decimals: int) -> str:
+    """A number with thousands separated, or "n/a" if it is missing or not finite."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return f"{value:,.{decimals}f}"
+
+
+def champion_title(report: AblationReport) -> str:
+    """The champion's title."""
+    own = {row.variant: row.title for row in report.rows}
+    name = report.champion.variant
+    return variant_title(name, report.domain_label, own.get(name, ""))
+
+
+def table_i(report: AblationReport) -> list[ComparedRow]:
+    """Every variant beside the paper's row, then the constant predictor."""
+    rows = [
+        ComparedRow(
+            title=variant_title(row.variant, report.domain_label, row.title),
+            paper=_paper_cells(row.variant),
+            ours=_cells(_measured(row), TABLE_I_COLUMNS),
+            champion=row.variant == report.champion.variant,
+        )
+        for row in report.rows
+    ]
+    constant = ComparedRow("Constant predictor", None, _cells(report.constant, TABLE_I_COLUMNS))
+    return [*rows, constant]
+
+
+def table_ii(report: AblationReport) -> list[ComparedRow]:
+    """Rendered images, then real images or their stand-ins; a line for each variant measured."""
+    own_titles = {row.variant: row.title for row in report.rows}
+    return [
+        ComparedRow(
+            title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
+            paper=_paper_silhouette_cells(variant, domain),
+            ours=_cells(_by_set(sets, domain), TABLE_II_COLUMNS),
+            domain=label,
+            paper_domain=PAPER_DOMAINS[domain],
+            champion=variant == report.champion.variant,
+        )
+        for domain, label in (("rendered", "rendered"), ("real", report.domain_label))
+        for variant, sets in report.silhouette.items()
+        if any(name.startswith(f"{domain}/") for name in sets)
+    ]
+
+
+def setup_rows(report: AblationReport) -> list[list[str]]:
+    """How each variant was trained, cells in the order of `SETUP_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
+            str(row.batch_size),
+            f"{row.width:g}",
+            ", ".join(str(seed) for seed in row.seeds),
+            show(row.parameters, 0),
+        ]
+        for row in report.rows
+    ]
+
+
+def table_i_scale(report: AblationReport) -> list[str]:
+    """Sentences that say at what scale Table I was measured, the paper's beside ours."""
+    rows = report.rows
+    share = max((row.training_images for row in rows), default=0) / paper_tables.TRAINING_IMAGES
+    notes = [
+        f"Paper: {paper_tables.TRAINING_IMAGES:,} artificial training images (and "
+        f"{paper_tables.REAL_TRAINING_IMAGES} real ones in D + noise + real), "
+        f"{paper_tables.TEST_IMAGES:,} test images, batch {paper_tables.BATCH_SIZE}; the number "
+        "of steps is not stated. Its fps were measured on a Quadro GV100.",
+        f"Ours: {_span(r.training_images for r in rows)} training images (at most "
+        f"{100 * share:.3g} % of the paper's), {_span(r.test_images for r in rows)} test images, "
+        f"{_span(r.steps for r in rows)} steps, batch {_span(r.batch_size for r in rows)}, "
+        f"backbone width {_span(r.width for r in rows)}.",
+        "Errors are means over the instruments that were found; those of the constant predictor, "
+        "which gives every image the training set's mean box and pose, over all instruments.",
+    ]
+    if report.domain_label == STAND_IN:
+        notes.append(
+            f"({STAND_IN}): the paper trained this variant with real images, we with {STAND_IN} "
+            "images in their place."
+        )
+    if any(len(row.seeds) < 2 for row in rows):
+        notes.append(
+            "Variants with one seed were trained once: how much a repeat would differ is not known."
+        )
+    return notes
+
+
+def table_ii_scale(report: AblationReport) -> list[str]:
+    """Sentences that say at what scale Table II was measured, and on what."""
+    scores = [score for sets in report.silhouette.values() for score in sets.values()]
+    images = _span(int(score.get("images") or 0) for score in scores)
+    instruments = _span(int(score.get("instruments") or 0) for score in scores)
+    notes = [
+        f"Paper: {paper_tables.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
+        f"{instruments} instruments in each cell.",
+        "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
+        "estimated poses, per image, averaged over images; 0 if nothing was detected.",
+    ]
+    if report.domain_label == STAND_IN:
+        notes.append(
+            f"No real image was measured: the {STAND_IN} images take the place of the "
+            "paper's real images and are not evidence about real ones."
+        )
+    return notes
+
+
+def _measured(row: VariantRow) -> dict[str, float | int | None]:
+    return {**row.metrics, "training_images": row.training_images, "steps": row.steps}
+
+
+def _cells(values: MetricValues, columns: tuple[Column, ...]) -> list[str]:
+    return [show(values.get(column.name), column.decimals) for column in columns]
+
+
+def _paper_cells(variant: str) -> list[str] | None:
+    if variant not in paper_tables.TABLE_I:
+        return None
+    values = asdict(paper_tables.TABLE_I[variant])
+    return _cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, TABLE_I_COLUMNS)
+
+
+def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:
+    sets = {name: asdict(pair) for name, pair in paper_tables.TABLE_II.get(variant, {}).items()}
+    values = _by_set(sets, domain)
+    return _cells(values, TABLE_II_COLUMNS) if values else None
+
+
+def _by_set(sets: Mapping[str, MetricValues], domain: str) -> dict[str, float | int | None]:
+    """Values of one domain by `set/metric`, such as `clear/iou`."""
+    return {
+        f"{name.removeprefix(f'{domain}/')}/{metric}": value
+        for name, score in sets.items()
+        if name.startswith(f"{domain}/")
+        for metric, value in score.items()
+    }
+
+
+def _span(values: Iterable[float]) -> str:
+    """The one value or its extremes, such as "900 to 1,100"."""
+    known = sorted(set(values))
+    if not known:
+        return MISSING
+    return " to ".join(_plain(value) for value in dict.fromkeys((known[0], known[-1])))
+
+
+def _plain(value: float) -> str:
+    return f"{value:,}" if isinstance(value, int) else f"{value:g}"

@@ -1,0 +1,180 @@
+"""Camera and shaft geometry: poses, projection and the exact silhouette of a cylinder.
+
+Camera frame (OpenCV): x right, y down, z forward, mm. A pixel's centre lies at integer + 0.5.
+Shaft frame: origin at the centre of the distal tip, +z from the tip towards the handle.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with square pixels; `focal_px`, `cx`, `cy` in pixels."""
+
+    width: int
+    height: int
+    focal_px: float
+    cx: float
+    cy: float
+
+    @classmethod
+    def from_field_of_view(cls, width: int, height: int, view_deg: float) -> "Camera":
+        """A centred camera whose horizontal perspective angle is `view_deg` (paper, II)."""
+        focal_px = width / (2 * np.tan(np.radians(view_deg) / 2))
+        return cls(width, height, float(focal_px), width / 2, height / 2)
+
+    @property
+    def matrix(self) -> Array:
+        """The (3, 3) intrinsic matrix K."""
+        return np.array([[self.focal_px, 0, self.cx], [0, self.focal_px, self.cy], [0, 0, 1.0]])
+
+    def project(self, points_mm: Array) -> Array:
+        """Pixels (..., 2) of camera-frame points (..., 3); u = f x / z + cx."""
+        centre = np.array([self.cx, self.cy])
+        return self.focal_px * points_mm[..., :2] / points_mm[..., 2:] + centre
+
+    def rays(self, stride: int = 1) -> Array:
+        """Directions (h, w, 3), with z = 1, through the centres of every `stride`-th pixel."""
+        u = np.arange(0, self.width, stride) + 0.5 * stride
+        v = np.arange(0, self.height, stride) + 0.5 * stride
+        x, y = np.meshgrid((u - self.cx) / self.focal_px, (v - self.cy) / self.focal_px)
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+
+@dataclass(frozen=True)
+class ShaftPose:
+    """The 5-DoF pose of a shaft: its tip in mm and its two angles in degrees."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    pitch_deg: float
+    yaw_deg: float
+
+    @classmethod
+    def from_array(cls, pose: Array) -> "ShaftPose":
+        """From (5,): x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return cls(*(float(value) for value in pose))
+
+    def as_array(self) -> Array:
+        """(5,): x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg])
+
+    @property
+    def tip_mm(self) -> Array:
+        """(3,) the tip in the camera frame."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm])
+
+    @property
+    def direction(self) -> Array:
+        """(3,) unit vector from the tip towards the handle."""
+        return axis_direction(np.array(self.pitch_deg), np.array(self.yaw_deg))
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) rotation from shaft to camera frame.
+
+        The third column is `direction`. Roll, which a symmetric shaft does not have, is fixed by
+        taking the first column as the derivative of `direction` by pitch.
+        """
+        pitch, yaw = np.radians(self.pitch_deg), np.radians(self.yaw_deg)
+        x_axis = np.array(
+            [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+        )
+        z_axis = self.direction
+        return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
+
+
+def axis_direction(pitch_deg: Array, yaw_deg: Array) -> Array:
+    """Unit vectors (..., 3) from tip to handle: (sin p cos w, sin p sin w, -cos p)."""
+    pitch, yaw = np.radians(pitch_deg), np.radians(yaw_deg)
+    components = [np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), -np.cos(pitch)]
+    return np.stack(components, axis=-1)
+
+
+def pose_from_rotation(rotation: Array, tip_mm: Array) -> ShaftPose:
+    """The pose whose axis is the third column of `rotation` (3, 3); yaw in [0, 360) deg."""
+    axis = rotation[:, 2]
+    pitch = np.degrees(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
+    yaw = np.degrees(np.arctan2(axis[1], axis[0])) % 360.0
+    x_mm, y_mm, z_mm = (float(value) for value in tip_mm)
+    return ShaftPose(x_mm, y_mm, z_mm, float(pitch), float(yaw))
+
+
+def cylinder_depth(
+    camera: Camera, pose: ShaftPose, diameter_mm: float, length_mm: float, stride: int = 1
+) -> Array:
+    """Depth z (h, w) in mm where the ray of a pixel's centre meets the cylinder, else infinity.
+
+    Exact intersection of each ray with the side and the two end discs.
+    """
+    rays = camera.rays(stride)
+    tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2
+    depth = np.full(rays.shape[:2], np.inf)
+    for hit in (*_side_hits(rays, tip, axis, radius, length_mm),
+                _disc_hits(rays, tip, axis, radius),
+                _disc_hits(rays, tip + length_mm * axis, axis, radius)):  # fmt: skip
+        depth = np.where(hit > 0, np.minimum(depth, hit), depth)
+    return depth
+
+
+def _side_hits(
+    rays: Array, tip: Array, axis: Array, radius: float, length_mm: float
+) -> tuple[Array, Array]:
+    """Ray parameters (h, w) at the two crossings of the cylinder's side; NaN where none."""
+    along_ray, along_tip = rays @ axis, float(tip @ axis)
+    across_ray = rays - along_ray[..., None] * axis
+    across_tip = tip - along_tip * axis
+    a = np.sum(across_ray**2, axis=-1)
+    b = across_ray @ across_tip
+    c = float(across_tip @ across_tip) - radius**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(b**2 - a * c)
+        near, far = (b - root) / a, (b + root) / a
+        return (
+            _within(near, along_ray * near - along_tip, length_mm),
+            _within(far, along_ray * far - along_tip, length_mm),
+        )
+
+
+def _within(hits: Array, height: Array, length_mm: float) -> Array:
+    return np.where((height >= 0) & (height <= length_mm), hits, np.nan)
+
+
+def _disc_hits(rays: Array, centre: Array, normal: Array, radius: float) -> Array:
+    """Ray parameters (h, w) at the crossing of a disc; NaN where none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        hits = float(centre @ normal) / (rays @ normal)
+        distance = np.linalg.norm(hits[..., None] * rays - centre, axis=-1)
+    return np.where(distance <= radius, hits, np.nan)
+
+
+def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """The extent x0, y0, x1, y1 of a mask (pixel edges: x1 and y1 are exclusive).
+
+    Raises ValueError if the mask is empty.
+    """
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    if not len(columns):
+        raise ValueError("an empty mask has no box")
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def segment_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:
+    """Shortest distance between two segments in space (C. Ericson, Real-Time Collision
+    Detection, 5.1.9). Points are (3,); the first segment may be a single point."""
+    along_a, along_b, between = end_a - start_a, end_b - start_b, start_a - start_b
+    a, e, f = along_a @ along_a, along_b @ along_b, along_b @ between
+    b, c = along_a @ along_b, along_a @ between
+    denominator = float(a * e - b * b)
+    s = float(np.clip((b * f - c * e) / denominator, 0, 1)) if denominator > 1e-12 else 0.0
+    t = (b * s + f) / e if e > 1e-12 else 0.0
+    if not 0 <= t <= 1:
+        t = float(np.clip(t, 0, 1))
+        s = float(np.clip((b * t - c) / a, 0, 1)) if a > 1e-12 else 0.0
+    return float(np.linalg.norm(start_a + s * along_a - start_b - t * along_b))

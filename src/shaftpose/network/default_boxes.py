@@ -1,0 +1,71 @@
+"""SSD300's default boxes (Liu et al., 2016) on the six maps, and what is done with boxes.
+
+Boxes are in units of the image's side, as `cx, cy, w, h` or as `x0, y0, x1, y1`.
+"""
+
+import torch
+from torch import Tensor
+
+from shaftpose.network.inception_v4 import MAP_SIZES
+
+# Of an image side of 300: each map's own scale, and the next one, with which it makes the
+# geometric mean for its second square box.
+SCALES = (30, 60, 111, 162, 213, 264, 315)
+ASPECT_RATIOS = ((2,), (2, 3), (2, 3), (2, 3), (2,), (2,))
+BOXES_PER_CELL = tuple(2 + 2 * len(ratios) for ratios in ASPECT_RATIOS)
+
+
+def default_boxes() -> Tensor:
+    """(7322, 4) `cx, cy, w, h`, ordered by map, row, column and box in the cell.
+
+    Boxes may reach beyond the image.
+    """
+    return torch.cat([_map_boxes(size, _cell_shapes(i)) for i, size in enumerate(MAP_SIZES)])
+
+
+def _cell_shapes(map_index: int) -> Tensor:
+    """(N, 2) `w, h` of a cell's boxes: two squares, then each ratio lying and standing."""
+    scale, next_scale = SCALES[map_index] / 300, SCALES[map_index + 1] / 300
+    between = (scale * next_scale) ** 0.5
+    shapes = [(scale, scale), (between, between)]
+    for ratio in ASPECT_RATIOS[map_index]:
+        long, short = scale * ratio**0.5, scale / ratio**0.5
+        shapes += [(long, short), (short, long)]
+    return torch.tensor(shapes)
+
+
+def _map_boxes(size: int, shapes: Tensor) -> Tensor:
+    """(size * size * N, 4): the shapes (N, 2) at the centre of every cell."""
+    steps = (torch.arange(size) + 0.5) / size
+    cy, cx = torch.meshgrid(steps, steps, indexing="ij")
+    centres = torch.stack([cx, cy], dim=-1).reshape(-1, 1, 2)
+    cells, count = len(centres), len(shapes)
+    return torch.cat(
+        [centres.expand(cells, count, 2), shapes.expand(cells, count, 2)], dim=-1
+    ).reshape(-1, 4)
+
+
+def to_corners(boxes: Tensor) -> Tensor:
+    """(..., 4) `cx, cy, w, h` -> (..., 4) `x0, y0, x1, y1`."""
+    centre, size = boxes[..., :2], boxes[..., 2:]
+    return torch.cat([centre - size / 2, centre + size / 2], dim=-1)
+
+
+def to_centre(boxes: Tensor) -> Tensor:
+    """(..., 4) `x0, y0, x1, y1` -> (..., 4) `cx, cy, w, h`."""
+    low, high = boxes[..., :2], boxes[..., 2:]
+    return torch.cat([(low + high) / 2, high - low], dim=-1)
+
+
+def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
+    """(..., N, 4) and (..., M, 4) `x0, y0, x1, y1` -> (..., N, M); 0 where both are empty."""
+    a, b = first[..., :, None, :], second[..., None, :, :]
+    low = torch.maximum(a[..., :2], b[..., :2])
+    high = torch.minimum(a[..., 2:], b[..., 2:])
+    shared = (high - low).clamp(min=0).prod(dim=-1)
+    union = _area(a) + _area(b) - shared
+    return shared / union.clamp(min=torch.finfo(union.dtype).tiny)
+
+
+def _area(boxes: Tensor) -> Tensor:
+    return (boxes[..., 2:] - boxes[..., :2]).prod(dim=-1)

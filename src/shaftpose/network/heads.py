@@ -1,0 +1,117 @@
+"""Prediction heads: six feature maps in, class, box and pose of every default box out.
+
+A head is a module built from `(in_channels, boxes_per_cell, width)`: the channels of each map, the
+default boxes in each of its cells, and the network's width. It returns `HeadOutputs`.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from shaftpose.network.layers import ConvBNReLU, scale_channels
+
+CLASSES = 2  # background, instrument
+BOX_OFFSETS = 4
+POSE_DIMENSIONS = 5
+
+
+class HeadOutputs(NamedTuple):
+    """The raw predictions for each of A default boxes.
+
+    class_logits: (B, A, 2), background then instrument; box_offsets: (B, A, 4) in SSD's coding;
+    poses: (B, A, 5), scaled to [-1, 1].
+    """
+
+    class_logits: Tensor
+    box_offsets: Tensor
+    poses: Tensor
+
+
+class ArchitectureC(nn.Module):
+    """The paper's naive regression: class, box and pose side by side from each map.
+
+    One 3 x 3 convolution for each, as in SSD; so `width` does not change it.
+    """
+
+    def __init__(
+        self, in_channels: Sequence[int], boxes_per_cell: Sequence[int], width: float
+    ) -> None:
+        super().__init__()
+        self.class_convs = prediction_convs(in_channels, boxes_per_cell, CLASSES)
+        self.box_convs = prediction_convs(in_channels, boxes_per_cell, BOX_OFFSETS)
+        self.pose_convs = prediction_convs(in_channels, boxes_per_cell, POSE_DIMENSIONS)
+
+    def forward(self, features: Sequence[Tensor]) -> HeadOutputs:
+        """Six maps (B, in_channels[i], h_i, w_i) -> predictions for A default boxes."""
+        return HeadOutputs(
+            flatten_maps(apply_each(self.class_convs, features), CLASSES),
+            flatten_maps(apply_each(self.box_convs, features), BOX_OFFSETS),
+            flatten_maps(apply_each(self.pose_convs, features), POSE_DIMENSIONS),
+        )
+
+
+class ArchitectureD(nn.Module):
+    """The paper's proposal: what is predicted for class and box feeds the pose path."""
+
+    def __init__(
+        self, in_channels: Sequence[int], boxes_per_cell: Sequence[int], width: float
+    ) -> None:
+        super().__init__()
+        self.class_convs = prediction_convs(in_channels, boxes_per_cell, CLASSES)
+        self.box_convs = prediction_convs(in_channels, boxes_per_cell, BOX_OFFSETS)
+        self.pose_paths = nn.ModuleList(
+            ConditionedPosePath(channels, boxes, width)
+            for channels, boxes in zip(in_channels, boxes_per_cell, strict=True)
+        )
+
+    def forward(self, features: Sequence[Tensor]) -> HeadOutputs:
+        """Six maps (B, in_channels[i], h_i, w_i) -> predictions for A default boxes."""
+        class_maps = apply_each(self.class_convs, features)
+        box_maps = apply_each(self.box_convs, features)
+        pose_maps = apply_each(self.pose_paths, features, class_maps, box_maps)
+        return HeadOutputs(
+            flatten_maps(class_maps, CLASSES),
+            flatten_maps(box_maps, BOX_OFFSETS),
+            flatten_maps(pose_maps, POSE_DIMENSIONS),
+        )
+
+
+class ConditionedPosePath(nn.Module):
+    """Architecture D's pose path on one map with N default boxes per cell."""
+
+    def __init__(self, in_channels: int, boxes: int, width: float) -> None:
+        super().__init__()
+        wide = scale_channels(256, width)
+        narrow = max(16, scale_channels(64, width))
+        self.from_feature = ConvBNReLU(in_channels, wide, 3, padding=1)
+        self.from_detection = ConvBNReLU(boxes * (CLASSES + BOX_OFFSETS), narrow, 1)
+        self.merge = ConvBNReLU(wide + narrow, wide, 3, padding=1)
+        self.predict = nn.Conv2d(wide, boxes * POSE_DIMENSIONS, 3, padding=1)
+
+    def forward(self, feature: Tensor, class_map: Tensor, box_map: Tensor) -> Tensor:
+        """(B, in_channels, h, w), (B, 2 N, h, w) and (B, 4 N, h, w) -> (B, 5 N, h, w)."""
+        detection = self.from_detection(torch.cat([class_map, box_map], dim=1))
+        return self.predict(self.merge(torch.cat([self.from_feature(feature), detection], dim=1)))
+
+
+def prediction_convs(
+    in_channels: Sequence[int], boxes_per_cell: Sequence[int], values: int
+) -> nn.ModuleList:
+    """One 3 x 3 convolution per map that predicts `values` numbers for each default box."""
+    return nn.ModuleList(
+        nn.Conv2d(channels, boxes * values, 3, padding=1)
+        for channels, boxes in zip(in_channels, boxes_per_cell, strict=True)
+    )
+
+
+def apply_each(modules: Iterable[nn.Module], *inputs: Sequence[Tensor]) -> list[Tensor]:
+    """The i-th module on the i-th tensor of every input."""
+    return [module(*args) for module, *args in zip(modules, *inputs, strict=True)]
+
+
+def flatten_maps(maps: Sequence[Tensor], values: int) -> Tensor:
+    """Maps (B, N_i * values, h_i, w_i) -> (B, A, values), in the order of the default boxes."""
+    rows = [m.permute(0, 2, 3, 1).reshape(m.shape[0], -1, values) for m in maps]
+    return torch.cat(rows, dim=1)

@@ -1,0 +1,29 @@
+"""The two pieces that the backbone and the heads share: width scaling and Conv-BN-ReLU."""
+
+from torch import Tensor, nn
+
+Size = int | tuple[int, int]
+
+
+def scale_channels(channels: int, width: float) -> int:
+    """`channels` x `width`, rounded to a multiple of 4, at least 4; unchanged at width 1.0."""
+    if width == 1.0:
+        return channels
+    return max(4, 4 * round(channels * width / 4))
+
+
+class ConvBNReLU(nn.Module):
+    """A convolution without bias, batch normalisation (eps 1e-3) and ReLU."""
+
+    def __init__(
+        self, in_channels: int, channels: int, kernel: Size, stride: int = 1, padding: Size = 0
+    ) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(in_channels, channels, kernel, stride, padding, bias=False)
+        self.norm = nn.BatchNorm2d(channels, eps=1e-3)
+        self.activation = nn.ReLU(inplace=True)
+        self.channels = channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h', w')."""
+        return self.activation(self.norm(self.conv(x)))

@@ -1,0 +1,138 @@
+"""The paper's loss: L = (L_conf + alpha L_bbox + L_pose) / n.
+
+n is the number of matched default boxes in the batch, 1 if there is none.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.network.box_coding import encode_boxes
+from shaftpose.network.heads import HeadOutputs
+from shaftpose.network.matching import match_boxes
+from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.targets import Targets
+
+
+class LossTerms(NamedTuple):
+    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
+
+    total: Tensor
+    confidence: Tensor
+    box: Tensor
+    pose: Tensor
+    matched: Tensor
+
+
+class Assignment(NamedTuple):
+    """What each default box has to answer for.
+
+    truth: (B, A) int64 index of a ground truth (0 where there is none); positive: (B, A) bool,
+    matched; negative: (B, A) bool, the mined hard negatives.
+    """
+
+    truth: Tensor
+    positive: Tensor
+    negative: Tensor
+
+
+class ShaftLoss(nn.Module):
+    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors."""
+
+    beta: Tensor
+
+    def __init__(
+        self, alpha: float, beta: Sequence[float], gamma: float, negative_ratio: int = 3
+    ) -> None:
+        super().__init__()
+        self.alpha = alpha
+        self.register_buffer("beta", torch.tensor(beta, dtype=torch.float32), persistent=False)
+        self.gamma = gamma
+        self.negative_ratio = negative_ratio
+
+    def forward(
+        self, outputs: HeadOutputs, targets: Targets, defaults: Tensor, pose_coder: PoseCoder
+    ) -> LossTerms:
+        """The loss of a batch. defaults: (A, 4) `cx, cy, w, h`.
+
+        Everything is computed in float32, whatever precision the network ran in.
+        """
+        outputs = HeadOutputs(*(output.float() for output in outputs))
+        assignment = self.assign(outputs, targets, defaults)
+        matched = assignment.positive.sum()
+        n = matched.clamp(min=1)
+        confidence = self.confidence_loss(outputs, assignment) / n
+        box = self.box_loss(outputs, targets, assignment, defaults) / n
+        pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n
+        return LossTerms(confidence + self.alpha * box + pose, confidence, box, pose, matched)
+
+    def assign(self, outputs: HeadOutputs, targets: Targets, defaults: Tensor) -> Assignment:
+        """Match default boxes with the ground truth and mine hard negatives."""
+        truth = match_boxes(targets.boxes, targets.valid, defaults)
+        positive = truth >= 0
+        negative = hard_negatives(outputs.class_logits, positive, self.negative_ratio)
+        return Assignment(truth.clamp(min=0), positive, negative)
+
+    def confidence_loss(self, outputs: HeadOutputs, assignment: Assignment) -> Tensor:
+        """L_conf: softmax cross-entropy over matched boxes and hard negatives."""
+        label = assignment.positive.long()
+        losses = functional.cross_entropy(
+            outputs.class_logits.transpose(1, 2), label, reduction="none"
+        )
+        return torch.where(assignment.positive | assignment.negative, losses, 0.0).sum()
+
+    def box_loss(
+        self, outputs: HeadOutputs, targets: Targets, assignment: Assignment, defaults: Tensor
+    ) -> Tensor:
+        """L_bbox: smooth L1 over matched boxes."""
+        boxes = gather_truth(targets.boxes, assignment.truth)
+        error = outputs.box_offsets - encode_boxes(boxes, defaults)
+        return smooth_l1(torch.where(assignment.positive[..., None], error, 0.0)).sum()
+
+    def pose_loss(
+        self,
+        outputs: HeadOutputs,
+        targets: Targets,
+        assignment: Assignment,
+        pose_coder: PoseCoder,
+    ) -> Tensor:
+        """L_pose: the sum over p of beta_p smoothL1(gamma (pred_p - target_p)).
+
+        The target is 0 on hard negatives ("outputs are set to 0 if the instruments are not on that
+        location"). Images without a known pose are left out.
+        """
+        poses = pose_coder.encode(gather_truth(targets.poses, assignment.truth))
+        target = torch.where(assignment.positive[..., None], poses, 0.0)
+        counts = (assignment.positive | assignment.negative) & targets.has_pose[:, None]
+        error = torch.where(counts[..., None], outputs.poses - target, 0.0)
+        return (self.beta * smooth_l1(self.gamma * error)).sum()
+
+
+def hard_negatives(class_logits: Tensor, positive: Tensor, ratio: int) -> Tensor:
+    """(B, A) bool: per image, the `ratio` x positives background boxes that look least like it.
+
+    class_logits: (B, A, 2); positive: (B, A) bool. An image without positives gives no negatives;
+    one with too few background boxes gives all of them.
+    """
+    difficulty = -functional.log_softmax(class_logits.detach(), dim=-1)[..., 0]
+    difficulty = difficulty.masked_fill(positive, -torch.inf)
+    rank = difficulty.argsort(dim=1, descending=True).argsort(dim=1)
+    return (rank < ratio * positive.sum(dim=1, keepdim=True)) & ~positive
+
+
+def gather_truth(values: Tensor, truth: Tensor) -> Tensor:
+    """The values (B, G, K) of each default box's ground truth, truth (B, A) -> (B, A, K).
+
+    Zeros if no image of the batch has a ground truth (G = 0).
+    """
+    if values.shape[1] == 0:
+        return values.new_zeros(*truth.shape, values.shape[2])
+    return values.gather(1, truth[..., None].expand(-1, -1, values.shape[2]))
+
+
+def smooth_l1(error: Tensor) -> Tensor:
+    """0.5 e^2 where |e| < 1, else |e| - 0.5; any shape."""
+    return functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")

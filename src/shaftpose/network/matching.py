@@ -1,0 +1,35 @@
+"""SSD's matching: which default box answers for which ground truth box."""
+
+import torch
+from torch import Tensor
+
+from shaftpose.network.default_boxes import pairwise_iou, to_corners
+
+
+def match_boxes(
+    boxes: Tensor, valid: Tensor, defaults: Tensor, iou_threshold: float = 0.5
+) -> Tensor:
+    """The ground truth of every default box, (B, A) int64, -1 for background.
+
+    boxes: (B, G, 4) `x0, y0, x1, y1`; valid: (B, G) bool; defaults: (A, 4) `cx, cy, w, h`.
+    A default box takes the ground truth it overlaps most, from `iou_threshold` on. Besides, each
+    valid ground truth gets the default box that overlaps it most, whatever the overlap; of two
+    ground truths with the same best default box the later one gets it.
+    """
+    if boxes.shape[1] == 0:
+        return boxes.new_full((len(boxes), len(defaults)), -1, dtype=torch.int64)
+    iou = pairwise_iou(boxes, to_corners(defaults)).masked_fill(~valid[..., None], -1.0)
+    best_iou, best_truth = iou.max(dim=1)
+    by_overlap = torch.where(best_iou >= iou_threshold, best_truth, -1)
+    forced = _force_matches(iou, valid)
+    return torch.where(forced >= 0, forced, by_overlap)
+
+
+def _force_matches(iou: Tensor, valid: Tensor) -> Tensor:
+    """(B, A) int64: the last valid ground truth whose best default box it is, else -1."""
+    batch, truths, defaults = iou.shape
+    best_default = iou.argmax(dim=2)
+    truth = torch.arange(truths, device=iou.device).expand(batch, truths)
+    unmatched = torch.full((batch, defaults), -1, device=iou.device)
+    # The maximum of the indices, unlike plain scatter, has a defined winner.
+    return unmatched.scatter_reduce(1, best_default, truth.where(valid, -1), reduce="amax")

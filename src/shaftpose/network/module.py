@@ -1,0 +1,82 @@
+"""Training: one step, its learning rate, and what is logged."""
+
+import torch
+from lightning import LightningModule
+from lightning.pytorch.utilities.types import OptimizerLRScheduler
+from torch import Tensor
+
+from shaftpose.errors import InputError
+from shaftpose.network.loss import LossTerms, ShaftLoss
+from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
+from shaftpose.network.targets import Batch
+
+
+class ShaftModule(LightningModule):
+    """Trains a `ShaftNetwork` with Adam: linear warm-up, then polynomial decay, by steps.
+
+    `identity` (variant, width) says which network the weights in a checkpoint belong to.
+    """
+
+    def __init__(
+        self,
+        network: ShaftNetwork,
+        loss: ShaftLoss,
+        identity: dict[str, str | float],
+        learning_rate: float,
+        total_steps: int,
+        warmup_steps: int,
+        decay_power: float = 2.0,
+    ) -> None:
+        super().__init__()
+        # torch's type hints for `Module.to` leave this argument out.
+        self.network: ShaftNetwork = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.loss = loss
+        self.identity = identity
+        self.learning_rate = learning_rate
+        self.total_steps = total_steps
+        self.warmup_steps = warmup_steps
+        self.decay_power = decay_power
+
+    def training_step(self, batch: Batch, batch_index: int) -> Tensor:
+        """The scalar loss of a batch; it stops the training if it is no longer a number."""
+        terms = self._loss_terms(batch)
+        if not torch.isfinite(terms.total):
+            raise InputError(
+                f"the training loss is {terms.total.item()} at step {self.global_step}: "
+                "lower the learning rate or lengthen the warm-up"
+            )
+        self._log_terms("training", terms, len(batch.images))
+        return terms.total
+
+    def validation_step(self, batch: Batch, batch_index: int) -> None:
+        """Log the loss of a batch that is not trained on."""
+        self._log_terms("validation", self._loss_terms(batch), len(batch.images))
+
+    def configure_optimizers(self) -> OptimizerLRScheduler:
+        """Adam, its learning rate multiplied by `learning_rate_factor` at every step."""
+        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
+        scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, self.learning_rate_factor)
+        return {
+            "optimizer": optimizer,
+            "lr_scheduler": {"scheduler": scheduler, "interval": "step"},
+        }
+
+    def learning_rate_factor(self, step: int) -> float:
+        """Rises to 1 over the warm-up, then falls to 0 at `total_steps` (paper: power 2)."""
+        if step < self.warmup_steps:
+            return (step + 1) / self.warmup_steps
+        left = (self.total_steps - step) / max(self.total_steps - self.warmup_steps, 1)
+        return max(left, 0.0) ** self.decay_power
+
+    def on_save_checkpoint(self, checkpoint: dict[str, object]) -> None:
+        """Write the network's identity beside its weights."""
+        checkpoint["identity"] = dict(self.identity)
+
+    def _loss_terms(self, batch: Batch) -> LossTerms:
+        outputs = self.network(normalise_images(batch.images))
+        return self.loss(outputs, batch.targets, self.network.defaults, self.network.pose_coder)
+
+    def _log_terms(self, phase: str, terms: LossTerms, batch_size: int) -> None:
+        values = {f"{phase}/{name}": value.float() for name, value in terms._asdict().items()}
+        values[f"{phase}/loss"] = values.pop(f"{phase}/total")
+        self.log_dict(values, batch_size=batch_size, sync_dist=phase == "validation")

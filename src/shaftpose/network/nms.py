@@ -1,0 +1,32 @@
+"""Non-maximum suppression as one operator, so that an export can put ONNX's own in its place."""
+
+import torch
+from torch import Tensor
+
+from shaftpose.network.default_boxes import pairwise_iou
+
+
+@torch.library.custom_op("shaftpose::nms_mask", mutates_args=())
+def nms_mask(boxes: Tensor, scores: Tensor, iou_threshold: float) -> Tensor:
+    """(B, K) float32: 1 for boxes that survive, 0 for the suppressed.
+
+    boxes: (B, K, 4) `x0, y0, x1, y1`; scores: (B, K). Exactly the greedy rule: a box is suppressed
+    if it overlaps a surviving box of a higher score by more than `iou_threshold`.
+    """
+    order = scores.argsort(dim=1, descending=True, stable=True)
+    ranked = boxes.gather(1, order[..., None].expand_as(boxes))
+    rivals = (pairwise_iou(ranked, ranked) > iou_threshold).triu(diagonal=1)
+    survives = torch.ones_like(order, dtype=torch.bool)
+    # Every round settles at least the next box in rank, so this ends; the state that no round
+    # changes is the only one that obeys the rule.
+    while True:
+        updated = ~(rivals & survives[..., None]).any(dim=1)
+        if torch.equal(updated, survives):
+            break
+        survives = updated
+    return torch.zeros_like(scores, dtype=torch.float32).scatter(1, order, survives.float())
+
+
+@nms_mask.register_fake
+def _(boxes: Tensor, scores: Tensor, iou_threshold: float) -> Tensor:
+    return torch.empty_like(scores, dtype=torch.float32)

@@ -1,0 +1,299 @@
+"""The Blender scene: one per process, changed from image to image, rendered by Cycles.
+
+1 Blender unit is 1 mm. Blender's camera looks along -z with y up: points of the project's camera
+frame enter by the flip (x, -y, -z).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.config import RenderSettings
+from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.rendering.cycles_passes import PassReader
+from shaftpose.rendering.materials import GlowMaterial, SteelMaterial, TissueMaterial
+from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box, shaft_mesh
+from shaftpose.rendering.scene import Light, Occluder, Scene
+
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+_ROOM_MM = 60.0  # half edge of the cube that carries the background (paper, training dataset)
+_LAMP_X_MM = 2.0  # two light guides beside the lens
+_LAMP_SIZE_MM = 1.5
+# The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
+_MARGIN_PX = 3
+_OCCLUDER_INDEX = 100
+# Metal mirrors the cube after one bounce and itself or the other shaft after two.
+_BOUNCES = 3
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of the image, in whole pixels."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns, for indexing an (H, W) array."""
+        return slice(self.y0, self.y1), slice(self.x0, self.x1)
+
+
+@dataclass(frozen=True)
+class Foreground:
+    """What Blender renders: the region that the shafts touch.
+
+    linear: (h, w, 4) float32, scene-linear RGB premultiplied by alpha; index: (h, w) int, n + 1
+    where shaft n is in front at the pixel's centre, 0 elsewhere.
+    """
+
+    region: Region
+    linear: NDArray[np.float32]
+    index: NDArray[np.int64]
+
+
+class Renderer:
+    """Renders scenes. Only one may exist per process: Blender has one open file."""
+
+    def __init__(self, settings: RenderSettings) -> None:
+        size = settings.camera.size_px
+        self.camera = Camera.from_field_of_view(size, size, settings.camera.view_deg)
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self._scene = bpy.context.scene
+        _set_up_cycles(self._scene, size, settings.samples)
+        _add_camera(self._scene, settings.camera.view_deg)
+        self._lamps = [_add_lamp(self._scene, side * _LAMP_X_MM) for side in (-1, 1)]
+        self._glow = _add_room(self._scene)
+        self._tissue = TissueMaterial.create("tissue")
+        self._mesh = shaft_mesh(settings.shaft.diameter_mm, settings.shaft.length_mm)
+        self._data = _blender_mesh("shaft", self._mesh, smooth=True)
+        self._shafts: list[Any] = []
+        self._steels: list[SteelMaterial] = []
+        self._occluders: list[tuple[Any, Mesh]] = []
+        self._image: Any = None
+        self._reader = PassReader()
+
+    def render(self, scene: Scene) -> Foreground | None:
+        """The shafts and occluders of a scene; None if there is nothing in view."""
+        self._show_background(scene.background, scene.light)
+        self._place_shafts(scene.shafts)
+        for material, steel in zip(self._steels, scene.steels, strict=False):
+            material.apply(steel)
+        self._place_occluders(scene.occluders)
+        return self._render_region(scene.shafts)
+
+    def silhouettes(self, poses: Sequence[ShaftPose]) -> NDArray[np.int64]:
+        """(H, W) index of the shaft in front at each pixel's centre, n + 1, or 0."""
+        self._place_shafts(poses)
+        self._place_occluders(())
+        index = np.zeros((self.camera.height, self.camera.width), dtype=np.int64)
+        foreground = self._render_region(poses)
+        if foreground is not None:
+            index[foreground.region.slices] = foreground.index
+        return index
+
+    def _show_background(self, path: Path, light: Light) -> None:
+        image = bpy.data.images.load(str(path.resolve()))
+        self._glow.apply(image, light.ambient)
+        self._tissue.apply(image, 1.0)
+        # A changed image is never seen by Cycles' persistent data; a new one is.
+        if self._image is not None:
+            bpy.data.images.remove(self._image)
+        self._image = image
+        for lamp in self._lamps:
+            lamp.data.energy = light.strength / len(self._lamps)
+            lamp.data.color = kelvin_to_rgb(light.kelvin)
+
+    def _place_shafts(self, poses: Sequence[ShaftPose]) -> None:
+        while len(self._shafts) < len(poses):
+            self._add_shaft()
+        for number, shaft in enumerate(self._shafts):
+            shaft.hide_render = number >= len(poses)
+            if number < len(poses):
+                shaft.matrix_world = _to_blender(_FLIP @ _pose_matrix(poses[number]))
+
+    def _add_shaft(self) -> None:
+        number = len(self._shafts)
+        shaft = bpy.data.objects.new(f"shaft {number}", self._data)
+        self._scene.collection.objects.link(shaft)
+        steel = SteelMaterial.create(f"steel {number}")
+        shaft.material_slots[0].link = "OBJECT"
+        shaft.material_slots[0].material = steel.material
+        shaft.pass_index = number + 1
+        self._shafts.append(shaft)
+        self._steels.append(steel)
+
+    def _place_occluders(self, occluders: Sequence[Occluder]) -> None:
+        for lump, _ in self._occluders:
+            data = lump.data
+            bpy.data.objects.remove(lump)
+            bpy.data.meshes.remove(data)
+        self._occluders = [self._add_occluder(occluder) for occluder in occluders]
+
+    def _add_occluder(self, occluder: Occluder) -> tuple[Any, Mesh]:
+        mesh = lump_mesh(occluder.radii_mm, occluder.shape_seed)
+        lump = bpy.data.objects.new("lump", _blender_mesh("lump", mesh, smooth=True))
+        lump.data.materials[0] = self._tissue.material
+        lump.pass_index = _OCCLUDER_INDEX
+        lump.matrix_world = _to_blender(_FLIP @ _occluder_matrix(occluder))
+        self._tissue.apply(self._image, occluder.tint)
+        self._scene.collection.objects.link(lump)
+        return lump, mesh
+
+    def _render_region(self, poses: Sequence[ShaftPose]) -> Foreground | None:
+        region = self._region(poses)
+        if region is None:
+            return None
+        _set_border(self._scene, region, self.camera)
+        passes = self._reader.render()
+        index = np.rint(passes["IndexOB"][..., 0]).astype(np.int64)
+        index[index == _OCCLUDER_INDEX] = 0
+        return Foreground(region, passes["Combined"], index)
+
+    def _region(self, poses: Sequence[ShaftPose]) -> Region | None:
+        placed = [(self._mesh, _pose_matrix(pose)) for pose in poses]
+        placed += [
+            (mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders
+        ]
+        boxes = []
+        for mesh, matrix in placed:
+            points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+            boxes.append(projected_box(self.camera, points, mesh.edges))
+        found = np.array([box for box in boxes if box is not None])
+        if not len(found):
+            return None
+        low = np.floor(found[:, :2].min(axis=0)).astype(int) - _MARGIN_PX
+        high = np.ceil(found[:, 2:].max(axis=0)).astype(int) + _MARGIN_PX
+        width, height = self.camera.width, self.camera.height
+        return Region(
+            max(int(low[0]), 0), max(int(low[1]), 0),
+            min(int(high[0]), width), min(int(high[1]), height),
+        )  # fmt: skip
+
+
+def kelvin_to_rgb(kelvin: float) -> tuple[float, float, float]:
+    """Linear RGB of a black body, brightest channel 1.
+
+    A linear blend between its values at 3,000 K, 6,500 K and 10,000 K: lamps of scopes lie there,
+    and the metal shows no finer difference.
+    """
+    known = np.array([3000.0, 6500.0, 10000.0])
+    red, green, blue = np.array([[1.0, 1.0, 0.62], [0.45, 1.0, 0.75], [0.15, 1.0, 1.0]])
+    channels = [float(np.interp(kelvin, known, channel)) for channel in (red, green, blue)]
+    return channels[0], channels[1], channels[2]
+
+
+def _pose_matrix(pose: ShaftPose) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.tip_mm
+    return matrix
+
+
+def _occluder_matrix(occluder: Occluder) -> NDArray[np.float64]:
+    turn = np.radians(occluder.turn_deg)
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    matrix[:3, 3] = occluder.centre_mm
+    return matrix
+
+
+def _to_blender(matrix: NDArray[np.float64]) -> list[list[float]]:
+    return [[float(value) for value in row] for row in matrix.T]
+
+
+def _set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = scene.render.resolution_y = size_px
+    scene.render.resolution_percentage = 100
+    scene.render.film_transparent = True
+    scene.render.use_persistent_data = True
+    scene.render.dither_intensity = 0.0
+    scene.render.use_compositing = scene.render.use_sequencer = False
+    scene.render.threads_mode, scene.render.threads = "FIXED", 1
+    scene.view_settings.view_transform = "Standard"
+    scene.view_layers[0].use_pass_object_index = True
+    cycles = scene.cycles
+    cycles.device, cycles.seed = "CPU", 0
+    cycles.samples, cycles.use_adaptive_sampling = samples, False
+    cycles.use_denoising = cycles.use_auto_tile = False
+    cycles.max_bounces = cycles.glossy_bounces = _BOUNCES
+    cycles.diffuse_bounces, cycles.transmission_bounces = 1, 0
+    cycles.volume_bounces = cycles.transparent_max_bounces = 0
+
+
+def _add_camera(scene: Any, view_deg: float) -> None:
+    data = bpy.data.cameras.new("scope")
+    data.sensor_fit = "HORIZONTAL"
+    data.angle = np.radians(view_deg)
+    data.clip_start, data.clip_end = 0.1, 1000.0
+    camera = bpy.data.objects.new("scope", data)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+
+
+def _add_lamp(scene: Any, x_mm: float) -> Any:
+    data = bpy.data.lights.new("light guide", "AREA")
+    data.shape, data.size = "DISK", _LAMP_SIZE_MM
+    lamp = bpy.data.objects.new("light guide", data)
+    lamp.location = (x_mm, 0.0, 0.0)
+    lamp.visible_camera = False
+    scene.collection.objects.link(lamp)
+    return lamp
+
+
+def _add_room(scene: Any) -> GlowMaterial:
+    """The cube of background images around camera and shafts; the camera does not see it."""
+    glow = GlowMaterial.create("background")
+    mesh = _blender_mesh("room", room_mesh(_ROOM_MM), smooth=False)
+    mesh.materials[0] = glow.material
+    room = bpy.data.objects.new("room", mesh)
+    room.visible_camera = room.visible_shadow = False
+    scene.collection.objects.link(room)
+    return glow
+
+
+def room_mesh(half_mm: float) -> Mesh:
+    """A cube around the camera in Blender's axes, every face the whole background; on the face in
+    front of the camera (-z) it lies as the camera sees it."""
+    corners = half_mm * np.array(
+        [[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64
+    )
+    faces = ((0, 1, 3, 2), (5, 4, 6, 7), (4, 0, 2, 6), (1, 5, 7, 3), (4, 5, 1, 0), (2, 3, 7, 6))
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]] * 6, dtype=np.float64)
+    return Mesh(corners, faces, uv)
+
+
+def _blender_mesh(name: str, mesh: Mesh, smooth: bool) -> Any:
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(mesh.vertices.tolist(), [], mesh.faces)
+    layer = data.uv_layers.new()
+    layer.data.foreach_set("uv", mesh.uv.astype(np.float32).ravel())
+    if smooth:
+        _smooth_sides(data)
+    data.materials.append(None)
+    return data
+
+
+def _smooth_sides(data: Any) -> None:
+    """Smooth shading, but for faces of more than four corners: the flat ends of a shaft."""
+    flags = [len(face.vertices) <= 4 for face in data.polygons]
+    data.polygons.foreach_set("use_smooth", flags)
+    data.set_sharp_from_angle(angle=np.radians(30))
+
+
+def _set_border(scene: Any, region: Region, camera: Camera) -> None:
+    """Render only `region`: bit-identical to the same pixels of a full frame."""
+    render = scene.render
+    render.use_border = render.use_crop_to_border = True
+    # Blender rounds border fractions down to pixels; a quarter of one guards against 2.9999.
+    render.border_min_x = (region.x0 + 0.25) / camera.width
+    render.border_max_x = (region.x1 + 0.25) / camera.width
+    render.border_min_y = (camera.height - region.y1 + 0.25) / camera.height
+    render.border_max_y = (camera.height - region.y0 + 0.25) / camera.height

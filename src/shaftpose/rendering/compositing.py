@@ -1,0 +1,66 @@
+"""From Blender's linear foreground and a background photo to the finished image."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.rendering.scene import Lens
+
+# sRGB to linear for every 8-bit level (IEC 61966-2-1), as a table.
+_LEVELS = np.arange(256) / 255.0
+_TO_LINEAR = np.where(
+    _LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4
+).astype(np.float32)
+_HAZE_COLOUR = np.array([214, 208, 204], dtype=np.float32)
+
+
+def to_srgb(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Scene-linear values to 8-bit sRGB; what is brighter than 1 is clipped, as in a sensor."""
+    clipped = np.clip(linear, 0.0, 1.0)
+    curve = np.where(
+        clipped <= 0.0031308, 12.92 * clipped, 1.055 * np.power(clipped, 1 / 2.4) - 0.055
+    )
+    return np.rint(255 * curve).astype(np.uint8)
+
+
+def composite(
+    foreground: NDArray[np.float32], background_rgb: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    """Foreground (h, w, 4), linear and premultiplied, over background (h, w, 3) uint8 sRGB.
+
+    fg + (1 - a) bg in linear light. Pixels without foreground keep the background's bytes.
+    """
+    alpha = foreground[..., 3:]
+    blended = to_srgb(foreground[..., :3] + (1 - alpha) * _TO_LINEAR[background_rgb])
+    return np.where(alpha > 0, blended, background_rgb)
+
+
+def apply_lens(rgb: NDArray[np.uint8], lens: Lens, sensor_seed: int) -> NDArray[np.uint8]:
+    """Haze, vignette, defocus and sensor noise, in that order; nothing moves, so boxes, masks and
+    poses stay valid. An all-zero lens returns the image unchanged."""
+    if not any((lens.blur_px, lens.haze, lens.vignette, lens.noise)):
+        return rgb
+    rng = np.random.default_rng(sensor_seed)
+    image = rgb.astype(np.float32)
+    image += lens.haze * _smoke(rng, rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
+    image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
+    if lens.blur_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), lens.blur_px)
+    image += lens.noise * rng.standard_normal(image.shape, dtype=np.float32)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def _smoke(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
+    """Density (size, size) in [0, 1] of drifting smoke: two octaves of smooth noise."""
+    coarse = cv2.resize(rng.random((4, 4), dtype=np.float32), (size_px, size_px),
+                        interpolation=cv2.INTER_CUBIC)  # fmt: skip
+    fine = cv2.resize(rng.random((9, 9), dtype=np.float32), (size_px, size_px),
+                      interpolation=cv2.INTER_CUBIC)  # fmt: skip
+    return np.clip(0.7 * coarse + 0.3 * fine, 0, 1)
+
+
+def _vignette(size_px: int, strength: float) -> NDArray[np.float32]:
+    """Factor (size, size): 1 at the centre, 1 - strength in the corners."""
+    axis = np.linspace(-1, 1, size_px, dtype=np.float32)
+    squared_radius = (axis[:, None] ** 2 + axis[None] ** 2) / 2
+    return 1 - np.float32(strength) * squared_radius**2

@@ -1,0 +1,152 @@
+"""Blender materials: brushed steel, tissue, and the glowing background around the shafts."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.rendering.scene import Steel
+
+_NORMAL_MAP_PX = 512
+
+
+@dataclass
+class SteelMaterial:
+    """A physically based metal whose normal map makes it rough (paper, training dataset)."""
+
+    material: Any
+    _shader: Any
+    _normal_map: Any
+    _mapping: Any
+
+    @classmethod
+    def create(cls, name: str) -> "SteelMaterial":
+        """A new material of that name in the open file."""
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        shader = tree.nodes["Principled BSDF"]
+        shader.inputs["Metallic"].default_value = 1.0
+        coordinates = tree.nodes.new("ShaderNodeUVMap")
+        mapping = tree.nodes.new("ShaderNodeMapping")
+        texture = tree.nodes.new("ShaderNodeTexImage")
+        texture.image = _normal_map_image()
+        normal_map = tree.nodes.new("ShaderNodeNormalMap")
+        tree.links.new(coordinates.outputs["UV"], mapping.inputs["Vector"])
+        tree.links.new(mapping.outputs["Vector"], texture.inputs["Vector"])
+        tree.links.new(texture.outputs["Color"], normal_map.inputs["Color"])
+        tree.links.new(normal_map.outputs["Normal"], shader.inputs["Normal"])
+        return cls(material, shader, normal_map, mapping)
+
+    def apply(self, steel: Steel) -> None:
+        """Take over the steel of one shaft; UV are mm, so the grain is in texture tiles."""
+        grey = (steel.grey, steel.grey, steel.grey * 0.98, 1.0)
+        self._shader.inputs["Base Color"].default_value = grey
+        self._shader.inputs["Roughness"].default_value = steel.roughness
+        self._normal_map.inputs["Strength"].default_value = steel.scratches
+        self._mapping.inputs["Scale"].default_value = (0.1, steel.grain / 100, 1.0)
+
+
+def _normal_map_image() -> Any:
+    """The normal map as a Blender image; one for all steels of a file."""
+    existing = bpy.data.images.get("scratches")
+    if existing is not None:
+        return existing
+    image = bpy.data.images.new(
+        "scratches", _NORMAL_MAP_PX, _NORMAL_MAP_PX, alpha=False, float_buffer=True, is_data=True
+    )
+    pixels = np.ones((_NORMAL_MAP_PX, _NORMAL_MAP_PX, 4), dtype=np.float32)
+    pixels[..., :3] = scratch_normals(np.random.default_rng(0), _NORMAL_MAP_PX)
+    image.pixels.foreach_set(pixels.ravel())
+    return image
+
+
+def scratch_normals(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
+    """A tileable tangent-space normal map (size, size, 3) in [0, 1]: turning marks around the
+    shaft, fine grain, and a few scratches along it."""
+    grain = rng.normal(size=(size_px, size_px)).astype(np.float32)
+    wrap = cv2.BORDER_WRAP
+    turned = _blur_tiled(grain, 24, 0.7)
+    along = _blur_tiled(rng.normal(size=grain.shape).astype(np.float32), 0.7, 24)
+    fine = _blur_tiled(rng.normal(size=grain.shape).astype(np.float32), 1.0, 1.0)
+    height = turned / turned.std() + 0.5 * along / along.std() + 0.3 * fine / fine.std()
+    height = cv2.copyMakeBorder(height, 1, 1, 1, 1, wrap)
+    slope_u = (height[1:-1, 2:] - height[1:-1, :-2]) / 2
+    slope_v = (height[2:, 1:-1] - height[:-2, 1:-1]) / 2
+    normal = np.stack([-slope_u, -slope_v, np.full_like(slope_u, 2.0)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return (normal * 0.5 + 0.5).astype(np.float32)
+
+
+def _blur_tiled(
+    image: NDArray[np.float32], sigma_u: float, sigma_v: float
+) -> NDArray[np.float32]:
+    """Gaussian blur that wraps around, so that the result tiles."""
+    pad = int(4 * max(sigma_u, sigma_v))
+    padded = cv2.copyMakeBorder(image, pad, pad, pad, pad, cv2.BORDER_WRAP)
+    blurred = cv2.GaussianBlur(padded, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v)
+    return np.asarray(blurred[pad:-pad, pad:-pad], dtype=np.float32)
+
+
+@dataclass
+class GlowMaterial:
+    """Shows an image by its own light, whatever else shines on it."""
+
+    material: Any
+    _texture: Any
+    _emission: Any
+
+    @classmethod
+    def create(cls, name: str) -> "GlowMaterial":
+        """A new material of that name in the open file."""
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        tree.nodes.clear()
+        texture = tree.nodes.new("ShaderNodeTexImage")
+        texture.extension = "EXTEND"
+        emission = tree.nodes.new("ShaderNodeEmission")
+        output = tree.nodes.new("ShaderNodeOutputMaterial")
+        tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
+        tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
+        return cls(material, texture, emission)
+
+    def apply(self, image: Any, strength: float) -> None:
+        """Show a Blender image at `strength` times its own brightness."""
+        self._texture.image = image
+        self._emission.inputs["Strength"].default_value = strength
+
+
+@dataclass
+class TissueMaterial:
+    """Wet tissue in the colours of the background: for lumps that hide a shaft."""
+
+    material: Any
+    _texture: Any
+    _tint: Any
+    _glow: Any
+
+    @classmethod
+    def create(cls, name: str) -> "TissueMaterial":
+        """A new material of that name in the open file."""
+        material = bpy.data.materials.new(name)
+        material.use_nodes = True
+        tree = material.node_tree
+        shader = tree.nodes["Principled BSDF"]
+        shader.inputs["Roughness"].default_value = 0.35
+        texture = tree.nodes.new("ShaderNodeTexImage")
+        tint = tree.nodes.new("ShaderNodeHueSaturation")
+        tree.links.new(texture.outputs["Color"], tint.inputs["Color"])
+        tree.links.new(tint.outputs["Color"], shader.inputs["Base Color"])
+        tree.links.new(tint.outputs["Color"], shader.inputs["Emission Color"])
+        return cls(material, texture, tint, shader.inputs["Emission Strength"])
+
+    def apply(self, image: Any, tint: float) -> None:
+        """Take the colours of a Blender image, `tint` times as bright. It glows a little, as the
+        background does whatever the scope's light: else lumps far from it would be black."""
+        self._texture.image = image
+        self._tint.inputs["Value"].default_value = tint
+        self._glow.default_value = 0.6

@@ -1,0 +1,99 @@
+"""Meshes as plain arrays: the shaft, lumps of tissue, and the box a mesh projects to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.geometry import Camera
+
+Array = NDArray[np.float64]
+
+SIDES = 96  # a rod of 96 sides differs from a cylinder by 0.001 mm
+_NEAR_MM = 0.1
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """vertices: (V, 3) mm; faces: vertex indices; uv: (corners, 2), corner after corner."""
+
+    vertices: Array
+    faces: tuple[tuple[int, ...], ...]
+    uv: Array
+
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """(E, 2) vertex indices of all edges."""
+        pairs = [
+            (a, b) for face in self.faces for a, b in zip(face, face[1:] + face[:1], strict=True)
+        ]
+        return np.unique(np.sort(np.array(pairs), axis=1), axis=0)
+
+
+def shaft_mesh(diameter_mm: float, length_mm: float) -> Mesh:
+    """A rod in the shaft frame: tip at the origin, handle at +z; u around, v along in mm."""
+    angles = 2 * np.pi * np.arange(SIDES) / SIDES
+    ring = diameter_mm / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    tip = np.column_stack([ring, np.zeros(SIDES)])
+    handle = np.column_stack([ring, np.full(SIDES, length_mm)])
+    sides = tuple((n, (n + 1) % SIDES, (n + 1) % SIDES + SIDES, n + SIDES) for n in range(SIDES))
+    caps = (tuple(range(SIDES))[::-1], tuple(range(SIDES, 2 * SIDES)))
+    return Mesh(np.concatenate([tip, handle]), sides + caps, _shaft_uv(diameter_mm, length_mm))
+
+
+def _shaft_uv(diameter_mm: float, length_mm: float) -> Array:
+    """UV of the sides unrolled and of the caps seen from above, both in mm."""
+    u = np.pi * diameter_mm * np.arange(SIDES + 1) / SIDES
+    sides = [[(u[n], 0), (u[n + 1], 0), (u[n + 1], length_mm), (u[n], length_mm)]
+             for n in range(SIDES)]  # fmt: skip
+    angles = 2 * np.pi * np.arange(SIDES) / SIDES
+    cap = diameter_mm / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.concatenate([np.array(sides).reshape(-1, 2), cap[::-1], cap])
+
+
+def lump_mesh(radii_mm: tuple[float, float, float], shape_seed: int) -> Mesh:
+    """An ellipsoid with a smoothly uneven surface around the origin."""
+    rows, columns = 16, 24
+    polar = np.linspace(0, np.pi, rows + 1)[:, None]
+    azimuth = 2 * np.pi * np.arange(columns)[None] / columns
+    unit = np.stack(
+        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth),
+         np.broadcast_to(np.cos(polar), (rows + 1, columns))], axis=-1)  # fmt: skip
+    vertices = (unit * _unevenness(unit, shape_seed)[..., None] * np.array(radii_mm)).reshape(-1, 3)
+    faces = [
+        (r * columns + c, r * columns + (c + 1) % columns,
+         (r + 1) * columns + (c + 1) % columns, (r + 1) * columns + c)
+        for r in range(rows) for c in range(columns)
+    ]  # fmt: skip
+    uv = unit.reshape(-1, 3)[np.array(faces).ravel(), :2] * 0.5 + 0.5
+    return Mesh(vertices, tuple(faces), uv)
+
+
+def _unevenness(unit: Array, shape_seed: int) -> Array:
+    """Radial factor around 1 of points (..., 3) on the unit sphere: a sum of plane waves."""
+    rng = np.random.default_rng(shape_seed)
+    waves = rng.normal(size=(8, 3)) * rng.uniform(1, 4, size=(8, 1))
+    phases = rng.uniform(0, 2 * np.pi, size=8)
+    wobble: Array = 1 + 0.06 * np.sin(unit @ waves.T + phases).sum(axis=-1)
+    return wobble
+
+
+def projected_box(camera: Camera, points_mm: Array, edges: NDArray[np.int64]) -> Array | None:
+    """Extent x0, y0, x1, y1 (px, real numbers, clipped to the image) of a mesh.
+
+    points_mm: (V, 3) in the camera frame; edges that cross the near plane are cut there, so a
+    shaft that passes beside the camera is handled. None if the mesh is out of view.
+    """
+    start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (_NEAR_MM - start[:, 2]) / (end[:, 2] - start[:, 2])
+    crossing = (start[:, 2] - _NEAR_MM) * (end[:, 2] - _NEAR_MM) < 0
+    cuts = start[crossing] + share[crossing, None] * (end[crossing] - start[crossing])
+    visible = np.concatenate([points_mm[points_mm[:, 2] >= _NEAR_MM], cuts])
+    if not len(visible):
+        return None
+    pixels = camera.project(visible)
+    limit = np.array([camera.width, camera.height], dtype=np.float64)
+    low = np.clip(pixels.min(axis=0), 0, limit)
+    high = np.clip(pixels.max(axis=0), 0, limit)
+    return None if np.any(high <= low) else np.concatenate([low, high])

@@ -1,0 +1,89 @@
+"""Sampling of shaft poses: uniform over the table's ranges, kept if they can be seen.
+
+A pose is drawn again if its tip projects outside the image, if too little of it is visible, if it
+cuts the lens or if it cuts another shaft (paper, Table of ranges; the rest is this project's).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from shaftpose.config import PoseRanges, SceneSettings, ShaftSettings
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, segment_distance
+
+MOST_TRIES = 10_000
+# Visibility is judged on every fourth pixel in each direction: exact enough for a threshold.
+_STRIDE = 4
+
+
+@dataclass(frozen=True)
+class SampledPoses:
+    """Poses of one image and the number of draws they took (for the acceptance rate)."""
+
+    poses: tuple[ShaftPose, ...]
+    tries: int
+
+
+@dataclass(frozen=True)
+class PoseSampler:
+    """Draws the poses of one image."""
+
+    camera: Camera
+    ranges: PoseRanges
+    shaft: ShaftSettings
+    scene: SceneSettings
+
+    def __call__(self, rng: np.random.Generator) -> SampledPoses:
+        """Poses of all shafts of one image.
+
+        Raises InputError after a bounded number of draws if the ranges show no shaft.
+        """
+        fewest, most = self.scene.instruments
+        count = int(rng.integers(fewest, most + 1))
+        for tries in range(1, MOST_TRIES + 1):
+            poses = [self._draw(rng) for _ in range(count)]
+            if self._acceptable(poses):
+                return SampledPoses(tuple(poses), tries * max(count, 1))
+        raise InputError(
+            f"params.yaml: poses and scene: none of {MOST_TRIES} draws of {count} shaft(s) was "
+            "acceptable; widen the pose ranges or lower scene.min_visible_px"
+        )
+
+    def _draw(self, rng: np.random.Generator) -> ShaftPose:
+        return ShaftPose.from_array(rng.uniform(self.ranges.low, self.ranges.high))
+
+    def _acceptable(self, poses: list[ShaftPose]) -> bool:
+        return (
+            all(self._tip_in_view(pose) and self._clear_of_lens(pose) for pose in poses)
+            and self._apart(poses)
+            and self._enough_visible(poses)
+        )
+
+    def _tip_in_view(self, pose: ShaftPose) -> bool:
+        u, v = self.camera.project(pose.tip_mm)
+        return bool(0 <= u < self.camera.width and 0 <= v < self.camera.height)
+
+    def _axis(self, pose: ShaftPose) -> tuple[np.ndarray, np.ndarray]:
+        return pose.tip_mm, pose.tip_mm + self.shaft.length_mm * pose.direction
+
+    def _clear_of_lens(self, pose: ShaftPose) -> bool:
+        lens = np.zeros(3)
+        distance = segment_distance(lens, lens, *self._axis(pose))
+        return distance > self.scene.lens_radius_mm + self.shaft.diameter_mm / 2
+
+    def _apart(self, poses: list[ShaftPose]) -> bool:
+        pairs = [(a, b) for n, a in enumerate(poses) for b in poses[:n]]
+        return all(
+            segment_distance(*self._axis(a), *self._axis(b)) > self.shaft.diameter_mm
+            for a, b in pairs
+        )
+
+    def _enough_visible(self, poses: list[ShaftPose]) -> bool:
+        if not poses:
+            return True
+        size = self.shaft.diameter_mm, self.shaft.length_mm
+        depths = np.stack([cylinder_depth(self.camera, p, *size, _STRIDE) for p in poses])
+        nearest = np.argmin(depths, axis=0)
+        seen = [np.sum((nearest == n) & np.isfinite(depths[n])) for n in range(len(poses))]
+        return min(seen) * _STRIDE**2 >= self.scene.min_visible_px

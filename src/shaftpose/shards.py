@@ -1,0 +1,318 @@
+"""Datasets on disk: tar shards in BOP's WebDataset form, written once and read by offset.
+
+A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
+`.mask_visib.json` (run lengths) and our own `.shaft.json`; see docs/data_format.md. The bytes of a
+shard depend on its samples alone: no time stamps, no user names.
+"""
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.instruments import Annotations
+
+SHAFT_OBJECT_ID = 1
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """One shaft of one image. Boxes are x0, y0, x1, y1 px; `box` is that of the visible mask."""
+
+    pose: ShaftPose
+    mask: NDArray[np.bool_]  # (H, W), the visible pixels
+    box: tuple[int, int, int, int]
+    amodal_box: tuple[int, int, int, int]
+    visible_fraction: float
+    visible_px: int
+    amodal_px: int
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One image with all that is known about it; `rgb` is (H, W, 3) uint8."""
+
+    key: str
+    rgb: NDArray[np.uint8]
+    instruments: tuple[Instrument, ...]
+    camera: Camera
+    facts: Mapping[str, Any]  # background, light, seeds: the free part of shaft.json
+
+    @property
+    def annotations(self) -> Annotations:
+        """Boxes and poses of the instruments."""
+        boxes = np.array([i.box for i in self.instruments], dtype=np.float64).reshape(-1, 4)
+        poses = np.array([i.pose.as_array() for i in self.instruments]).reshape(-1, 5)
+        return Annotations(boxes, poses)
+
+
+def sample_key(index: int) -> str:
+    """The key of image `index`: nine digits, so that keys sort as numbers do."""
+    return f"{index:09d}"
+
+
+def shard_name(index: int) -> str:
+    """The file name of shard `index`."""
+    return f"shard-{index:06d}.tar"
+
+
+def encode_mask(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """COCO's uncompressed run lengths of a (H, W) mask, column by column, starting with zeros."""
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    edges = np.concatenate([[0], changes, [flat.size]])
+    runs = np.diff(edges).tolist()
+    return {"counts": [0, *runs] if flat[0] else runs, "size": list(mask.shape)}
+
+
+def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """The (H, W) mask of `encode_mask`."""
+    counts = np.asarray(encoded["counts"], dtype=np.int64)
+    values = np.arange(len(counts)) % 2 == 1
+    height, width = encoded["size"]
+    return np.repeat(values, counts).reshape((width, height)).T
+
+
+class ShardWriter:
+    """Writes one shard under a temporary name; `with` renames it when it is complete.
+
+    A shard that exists under its final name is therefore always whole.
+    """
+
+    def __init__(self, path: Path, jpeg_quality: int) -> None:
+        self._path, self._quality = path, jpeg_quality
+        self._temporary = path.with_suffix(".tar.part")
+
+    def __enter__(self) -> "ShardWriter":
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._tar = tarfile.open(self._temporary, "w", format=tarfile.USTAR_FORMAT)
+        return self
+
+    def __exit__(self, kind: object, value: object, trace: object) -> None:
+        self._tar.close()
+        if kind is None:
+            self._temporary.replace(self._path)
+        else:
+            self._temporary.unlink(missing_ok=True)
+
+    def write(self, sample: Sample) -> None:
+        """Append one sample."""
+        for suffix, data in encode_sample(sample, self._quality).items():
+            member = tarfile.TarInfo(f"{sample.key}.{suffix}")
+            member.size = len(data)
+            self._tar.addfile(member, io.BytesIO(data))
+
+
+def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
+    """The members of one sample, suffix -> bytes."""
+    quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(sample.rgb, cv2.COLOR_RGB2BGR), quality)
+    parts: dict[str, Any] = {
+        "camera.json": {"cam_K": sample.camera.matrix.ravel().tolist(), "depth_scale": 1.0},
+        "gt.json": [_bop_pose(i.pose) for i in sample.instruments],
+        "gt_info.json": [_bop_info(i) for i in sample.instruments],
+        "mask_visib.json": {str(n): encode_mask(i.mask) for n, i in enumerate(sample.instruments)},
+        "shaft.json": {
+            "shafts": [vars(i.pose) for i in sample.instruments],
+            **sample.facts,
+        },
+    }
+    return {"rgb.jpg": jpeg.tobytes()} | {
+        name: json.dumps(part).encode() for name, part in parts.items()
+    }
+
+
+def _bop_pose(pose: ShaftPose) -> dict[str, Any]:
+    return {
+        "cam_R_m2c": pose.rotation.ravel().tolist(),
+        "cam_t_m2c": pose.tip_mm.tolist(),
+        "obj_id": SHAFT_OBJECT_ID,
+    }
+
+
+def _bop_info(instrument: Instrument) -> dict[str, Any]:
+    return {
+        "bbox_obj": _corner_and_size(instrument.amodal_box),
+        "bbox_visib": _corner_and_size(instrument.box),
+        "px_count_all": instrument.amodal_px,
+        "px_count_valid": instrument.amodal_px,
+        "px_count_visib": instrument.visible_px,
+        "visib_fract": instrument.visible_fraction,
+    }
+
+
+def _corner_and_size(box: tuple[int, int, int, int]) -> list[int]:
+    """BOP writes boxes as x, y, width, height."""
+    x0, y0, x1, y1 = box
+    return [x0, y0, x1 - x0, y1 - y0]
+
+
+def _corners(box: Sequence[int]) -> tuple[int, int, int, int]:
+    x, y, width, height = box
+    return x, y, x + width, y + height
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where the bytes of one member lie: `size` bytes at `offset` of `path`."""
+
+    path: Path
+    offset: int
+    size: int
+
+    def read(self) -> bytes:
+        """The bytes. Opens the file each time, so that locations may cross processes."""
+        with self.path.open("rb") as file:
+            file.seek(self.offset)
+            return file.read(self.size)
+
+
+class ShardedDataset:
+    """Random access to the samples of a folder of shards without unpacking them.
+
+    Raises InputError if the folder holds no shard or a shard is damaged, naming it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._members: dict[str, dict[str, Location]] = {}
+        for path in shard_paths(folder):
+            self._index(path)
+
+    def _index(self, path: Path) -> None:
+        if not _ends_as_written(path):
+            raise InputError(_damaged(path))
+        try:
+            with tarfile.open(path, "r:") as tar:
+                for member in tar:
+                    key, _, suffix = member.name.partition(".")
+                    location = Location(path, member.offset_data, member.size)
+                    self._members.setdefault(key, {})[suffix] = location
+        except tarfile.TarError as error:
+            raise InputError(_damaged(path)) from error
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys of all samples, ascending."""
+        return sorted(self._members)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._members
+
+    def rgb(self, key: str) -> NDArray[np.uint8]:
+        """The image (H, W, 3) uint8. Raises InputError naming shard and key if it is damaged."""
+        location = self._location(key, "rgb.jpg")
+        image = decode_rgb(location.read())
+        if image is None:
+            raise InputError(f"{location.path}: image {key} is damaged; {_REMEDY}")
+        return image
+
+    def annotations(self, key: str) -> Annotations:
+        """Visible boxes and poses of one image, without decoding image or masks."""
+        poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
+        boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
+        return Annotations(
+            np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
+        )
+
+    def masks(self, key: str) -> list[NDArray[np.bool_]]:
+        """The visible mask (H, W) of each instrument of one image."""
+        encoded = self._json(key, "mask_visib.json")
+        return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
+
+    def visible_fractions(self, key: str) -> list[float]:
+        """The visible share of each instrument of one image."""
+        return [info["visib_fract"] for info in self._json(key, "gt_info.json")]
+
+    def facts(self, key: str) -> dict[str, Any]:
+        """The content of shaft.json."""
+        facts: dict[str, Any] = self._json(key, "shaft.json")
+        return facts
+
+    def _json(self, key: str, suffix: str) -> Any:
+        location = self._location(key, suffix)
+        try:
+            return json.loads(location.read())
+        except ValueError as error:
+            raise InputError(f"{location.path}: {key}.{suffix} is damaged; {_REMEDY}") from error
+
+    def _location(self, key: str, suffix: str) -> Location:
+        try:
+            return self._members[key][suffix]
+        except KeyError as error:
+            raise InputError(f"{self.folder}: {key}.{suffix} is missing; {_REMEDY}") from error
+
+
+_REMEDY = "delete the shard and run the render stage again"
+
+
+def _ends_as_written(path: Path) -> bool:
+    """Whether the archive ends with its two zero blocks: a truncated one does not, and tarfile
+    would pass over that in silence."""
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(max(size - 2 * tarfile.BLOCKSIZE, 0))
+        return size % tarfile.RECORDSIZE == 0 and not any(file.read()) and size > 0
+
+
+def _damaged(path: Path) -> str:
+    return f"{path}: the shard is truncated or damaged; {_REMEDY}"
+
+
+def shard_paths(folder: Path) -> list[Path]:
+    """The complete shards of a folder, in order. Raises InputError if there is none."""
+    paths = sorted(folder.glob("shard-*.tar"))
+    if not paths:
+        raise InputError(f"{folder}: no shard-*.tar in it; run the render stage")
+    return paths
+
+
+def decode_rgb(data: bytes) -> NDArray[np.uint8] | None:
+    """An encoded image as (H, W, 3) uint8 RGB, or None if it cannot be decoded."""
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    return None if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],
+                 diameter_mm: float, length_mm: float) -> None:  # fmt: skip
+    """BOP's models folder: the mesh and `models_info.json` with the continuous symmetry.
+
+    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
+    info = {
+        str(SHAFT_OBJECT_ID): {
+            "diameter": float(np.hypot(diameter_mm, length_mm)),
+            **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
+            **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)},
+            "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}],
+        }
+    }
+    (folder / "models_info.json").write_text(json.dumps(info, indent=1) + "\n")
+    name = f"obj_{SHAFT_OBJECT_ID:06d}.ply"
+    (folder / name).write_text("\n".join(_ply_lines(vertices_mm, faces)) + "\n")
+
+
+def _ply_lines(
+    vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]]
+) -> Iterator[str]:
+    yield "ply\nformat ascii 1.0"
+    yield "comment mm; origin at the distal tip, +z towards the handle"
+    yield f"element vertex {len(vertices_mm)}"
+    yield "property float x\nproperty float y\nproperty float z"
+    yield f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header"
+    yield from (f"{x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices_mm)
+    yield from (" ".join(str(n) for n in (len(face), *face)) for face in faces)

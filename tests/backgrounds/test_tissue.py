@@ -1,0 +1,72 @@
+import cv2
+import numpy as np
+import pytest
+
+from shaftpose.backgrounds.tissue import MUCOSA, STAND_IN, TissueLook, render_tissue
+
+SIZE = 96
+
+
+def pictures(look: TissueLook, count: int = 12) -> np.ndarray:
+    return np.stack([render_tissue(np.random.default_rng(k), SIZE, look) for k in range(count)])
+
+
+@pytest.fixture(scope="module")
+def mucosa() -> np.ndarray:
+    return pictures(MUCOSA)
+
+
+@pytest.fixture(scope="module")
+def stand_in() -> np.ndarray:
+    return pictures(STAND_IN)
+
+
+def test_same_generator_same_picture(mucosa: np.ndarray) -> None:
+    again = render_tissue(np.random.default_rng(3), SIZE)
+    assert again.dtype == np.uint8 and again.shape == (SIZE, SIZE, 3)
+    assert np.array_equal(again, mucosa[3])
+
+
+@pytest.mark.parametrize("size_px", [31, 160])
+def test_any_size(size_px: int) -> None:
+    assert render_tissue(np.random.default_rng(0), size_px).shape == (size_px, size_px, 3)
+
+
+def test_pictures_differ_in_content_not_in_brightness_alone(mucosa: np.ndarray) -> None:
+    grey = mucosa.mean(axis=-1).reshape(len(mucosa), -1)
+    correlation = np.corrcoef(grey) - np.eye(len(grey))
+    assert np.abs(correlation).max() < 0.85
+
+
+def test_colours_vary_between_pictures(mucosa: np.ndarray) -> None:
+    assert mucosa.mean(axis=(1, 2)).std(axis=0).min() > 5
+
+
+def test_red_dominates_in_every_picture(mucosa: np.ndarray, stand_in: np.ndarray) -> None:
+    red, green, blue = np.moveaxis(np.concatenate([mucosa, stand_in]).mean(axis=(1, 2)), -1, 0)
+    assert np.all(red > green) and np.all(red > blue)
+
+
+def test_exposure_is_neither_black_nor_burnt_out(mucosa: np.ndarray) -> None:
+    means = mucosa.mean(axis=(1, 2, 3))
+    assert means.min() > 50 and means.max() < 190
+
+
+def test_highlights_are_small_and_present(mucosa: np.ndarray) -> None:
+    white = (mucosa.min(axis=-1) > 235).mean(axis=(1, 2))
+    assert white.max() < 0.06
+    assert np.count_nonzero(white) >= len(white) / 2
+
+
+def test_neighbouring_pixels_are_alike(mucosa: np.ndarray) -> None:
+    """Smooth folds, not noise: a slight blur takes away little of the contrast."""
+    for picture in mucosa.astype(np.float32):
+        detail = picture - cv2.GaussianBlur(picture, (0, 0), 1.5)
+        assert detail.std() < 0.5 * picture.std()
+
+
+def test_the_stand_in_is_another_domain(mucosa: np.ndarray, stand_in: np.ndarray) -> None:
+    """Yellower: its green lies nearer to its red."""
+    ratio_mucosa = mucosa[..., 1].mean() / mucosa[..., 0].mean()
+    ratio_stand_in = stand_in[..., 1].mean() / stand_in[..., 0].mean()
+    assert ratio_stand_in > ratio_mucosa + 0.08

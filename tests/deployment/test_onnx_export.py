@@ -1,0 +1,108 @@
+import io
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.deployment.onnx_export import ExportedShaftNetwork, export_onnx
+from shaftpose.network.heads import ArchitectureC, ArchitectureD
+from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
+
+
+def random_images(count: int) -> Tensor:
+    generator = torch.Generator().manual_seed(1)
+    return torch.randint(0, 256, (count, 299, 299, 3), generator=generator, dtype=torch.uint8)
+
+
+@pytest.fixture(scope="module")
+def pose_coder() -> PoseCoder:
+    return PoseCoder(low=(-20, -20, 10, 50, 0), high=(20, 20, 40, 90, 358))
+
+
+@pytest.fixture(scope="module")
+def network(pose_coder: PoseCoder) -> ShaftNetwork:
+    """Random weights, but the batch normalisations have seen images: so scores differ."""
+    torch.manual_seed(0)
+    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, pose_coder)
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.momentum = None  # statistics are plain averages
+    with torch.no_grad():
+        network(normalise_images(random_images(4)))
+    return network.eval()
+
+
+@pytest.fixture(scope="module")
+def session(
+    network: ShaftNetwork, tmp_path_factory: pytest.TempPathFactory
+) -> onnxruntime.InferenceSession:
+    path = tmp_path_factory.mktemp("export") / "network.onnx"
+    noise = io.StringIO()
+    with redirect_stdout(noise), redirect_stderr(noise):
+        export_onnx(network, path, top_k=250, iou_threshold=0.5, keep=20)
+    assert noise.getvalue() == ""
+    assert [file.name for file in path.parent.iterdir()] == ["network.onnx"]
+    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+
+
+def run(session: onnxruntime.InferenceSession, images: Tensor) -> list[NDArray[np.float32]]:
+    return list(session.run(["boxes", "scores", "poses"], {"image": images.numpy()}))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_file_agrees_with_the_network(
+    network: ShaftNetwork, session: onnxruntime.InferenceSession, count: int
+) -> None:
+    images = random_images(count)
+    with torch.no_grad():
+        expected = ExportedShaftNetwork(network, 250, 0.5, 20)(images)
+    boxes, scores, poses = run(session, images)
+    assert expected.scores.std() > 0.01  # else the ranking would be chance
+    np.testing.assert_allclose(scores, expected.scores, atol=1e-3)
+    np.testing.assert_allclose(boxes, expected.boxes, atol=0.2)
+    np.testing.assert_allclose(poses, expected.poses, atol=0.5)
+
+
+def test_names_and_types(session: onnxruntime.InferenceSession) -> None:
+    (image,) = session.get_inputs()
+    assert (image.name, image.type, image.shape[1:]) == ("image", "tensor(uint8)", [299, 299, 3])
+    assert isinstance(image.shape[0], str)
+    assert [output.name for output in session.get_outputs()] == ["boxes", "scores", "poses"]
+
+
+class SampledColours(InceptionV4Features):
+    """The image itself, sampled down to the six sizes: a backbone that is quick to export."""
+
+    def __init__(self) -> None:
+        nn.Module.__init__(self)
+        self.width, self.channels = 1.0, (3,) * len(MAP_SIZES)
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """(B, 3, 299, 299) -> six maps (B, 3, size, size)."""
+        return [functional.interpolate(images, (size, size)) for size in MAP_SIZES]
+
+
+def test_image_without_detection_is_all_zeros(pose_coder: PoseCoder, tmp_path: Path) -> None:
+    """Scores of exactly 0 on a black image, of 1 on a white one, side by side in one batch."""
+    network = ShaftNetwork(SampledColours(), ArchitectureC, pose_coder)
+    assert isinstance(network.head, ArchitectureC)
+    for conv in network.head.class_convs:
+        assert isinstance(conv, nn.Conv2d) and conv.bias is not None
+        nn.init.zeros_(conv.weight)
+        nn.init.zeros_(conv.bias)
+        conv.weight.data[1::2, :, 1, 1] = 100.0  # the instrument's logit: 100 x the pixel's colours
+    export_onnx(network, tmp_path / "colours.onnx", keep=5)
+    session = onnxruntime.InferenceSession(tmp_path / "colours.onnx")
+    black_and_white = torch.zeros(2, 299, 299, 3, dtype=torch.uint8)
+    black_and_white[1] = 255
+    for values in run(session, black_and_white):
+        assert not values[0].any()
+        assert values[1].any()

@@ -1,0 +1,42 @@
+"""Silhouette IoU on masks small enough to count by hand."""
+
+import numpy as np
+import pytest
+
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_iou, silhouette_score
+from shaftpose.instruments import Annotations, Detections
+
+
+def mask(*columns: int) -> np.ndarray:
+    """A (4, 8) mask with these columns filled: 4 pixels each."""
+    filled = np.zeros((4, 8), dtype=bool)
+    filled[:, list(columns)] = True
+    return filled
+
+
+def test_unions_are_compared_not_pairs():
+    # True columns 0-3, predicted 2-5 in overlapping pieces: 2 of 6 columns are shared.
+    assert silhouette_iou([mask(0, 1), mask(2, 3)], [mask(2, 3, 4), mask(4, 5)]) == pytest.approx(
+        2 / 6
+    )
+    assert silhouette_iou([mask(0, 1)], [mask(0), mask(1)]) == 1
+
+
+def test_nothing_detected_is_zero_and_nothing_there_undefined():
+    assert silhouette_iou([mask(0)], []) == 0
+    assert silhouette_iou([], [mask(0)]) == 0
+    assert silhouette_iou([], []) is None
+    assert silhouette_iou([mask()], [mask()]) is None
+
+
+def test_a_missed_image_counts_in_the_mean():
+    box, pose = np.array([[0.0, 0.0, 2.0, 4.0]]), np.zeros((1, 5))
+    known = Annotations(box, None)
+    found = Detections(box, np.array([0.9]), pose)
+    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    score = silhouette_score(
+        [found, nothing], [known, known], [[mask(0, 1)], [mask(0, 1)]], [[mask(1, 2)], []]
+    )
+    assert score == SilhouetteScore(
+        detected_rate=0.5, iou=pytest.approx((1 / 3 + 0) / 2), images=2, instruments=2
+    )
