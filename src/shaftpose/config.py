@@ -155,7 +155,7 @@ class Size:
     steps: PositiveInt
     warmup_steps: Count
     learning_rate: Positive
-    precision: str
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"]
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -177,6 +177,39 @@ class SplitSettings:
     method: Literal["grouped", "random"]
     test: Annotated[float, Field(gt=0, lt=1)]
     validation: Annotated[float, Field(gt=0, lt=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Augmentation:
+    """Ranges of random colour changes; see `shaftpose.dataset.transforms`."""
+
+    brightness: Range
+    contrast: Range
+    saturation: Range
+    hue_deg: Range
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrainingSettings:
+    """How images are fed and how often a training is validated (steps)."""
+
+    loader_workers: Count
+    validate_every: PositiveInt
+    augmentation: Augmentation
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Variant:
+    """What distinguishes a variant besides its head.
+
+    noise: half-width of the uniform noise on half of the training images, grey levels; real_share:
+    share of real images in training.
+    """
+
+    name: str
+    title: str
+    noise: Count
+    real_share: Fraction
 
 
 @dataclass(frozen=True, config=_STRICT)

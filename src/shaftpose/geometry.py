@@ -83,9 +83,7 @@ class ShaftPose:
         taking the first column as the derivative of `direction` by pitch.
         """
         pitch, yaw = np.radians(self.pitch_deg), np.radians(self.yaw_deg)
-        x_axis = np.array(
-            [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
-        )
+        x_axis = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
         z_axis = self.direction
         return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
 

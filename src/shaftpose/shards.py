@@ -306,9 +306,7 @@ def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence
     (folder / name).write_text("\n".join(_ply_lines(vertices_mm, faces)) + "\n")
 
 
-def _ply_lines(
-    vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]]
-) -> Iterator[str]:
+def _ply_lines(vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]]) -> Iterator[str]:
     yield "ply\nformat ascii 1.0"
     yield "comment mm; origin at the distal tip, +z towards the handle"
     yield f"element vertex {len(vertices_mm)}"

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from shaftpose.deployment.onnx_export import ExportedShaftNetwork, export_onnx
+from shaftpose.deployment.onnx_export import export_onnx
+from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
 from shaftpose.network.pose_coding import PoseCoder
@@ -47,7 +48,7 @@ def session(
     path = tmp_path_factory.mktemp("export") / "network.onnx"
     noise = io.StringIO()
     with redirect_stdout(noise), redirect_stderr(noise):
-        export_onnx(network, path, top_k=250, iou_threshold=0.5, keep=20)
+        export_onnx(ShaftDetector(network, 250, 0.5, 20), path)
     assert noise.getvalue() == ""
     assert [file.name for file in path.parent.iterdir()] == ["network.onnx"]
     return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
@@ -63,7 +64,7 @@ def test_file_agrees_with_the_network(
 ) -> None:
     images = random_images(count)
     with torch.no_grad():
-        expected = ExportedShaftNetwork(network, 250, 0.5, 20)(images)
+        expected = ShaftDetector(network, 250, 0.5, 20)(images)
     boxes, scores, poses = run(session, images)
     assert expected.scores.std() > 0.01  # else the ranking would be chance
     np.testing.assert_allclose(scores, expected.scores, atol=1e-3)
@@ -99,7 +100,7 @@ def test_image_without_detection_is_all_zeros(pose_coder: PoseCoder, tmp_path: P
         nn.init.zeros_(conv.weight)
         nn.init.zeros_(conv.bias)
         conv.weight.data[1::2, :, 1, 1] = 100.0  # the instrument's logit: 100 x the pixel's colours
-    export_onnx(network, tmp_path / "colours.onnx", keep=5)
+    export_onnx(ShaftDetector(network, 250, 0.5, 5), tmp_path / "colours.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "colours.onnx")
     black_and_white = torch.zeros(2, 299, 299, 3, dtype=torch.uint8)
     black_and_white[1] = 255

@@ -3,13 +3,13 @@ import math
 import pytest
 import torch
 
+from shaftpose.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.default_boxes import default_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.loss import LossTerms, ShaftLoss, hard_negatives
 from shaftpose.network.matching import match_boxes
 from shaftpose.network.pose_coding import PoseCoder
-from shaftpose.network.targets import Targets
 
 # Ten boxes in a row that do not overlap; the ground truth is exactly the third one.
 DEFAULTS = torch.tensor([[0.05 + 0.1 * i, 0.5, 0.1, 0.2] for i in range(10)])

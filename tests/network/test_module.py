@@ -6,12 +6,12 @@ import torch
 from lightning import Trainer
 from torch.utils.data import DataLoader, Dataset
 
+from shaftpose.batches import Batch, Targets
 from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
 from shaftpose.network.shaft_network import ShaftNetwork
-from shaftpose.network.targets import Batch, Targets
 
 IDENTITY: dict[str, str | float] = {"variant": "D", "width": 0.04}
 

@@ -25,8 +25,8 @@ SURFACES = 3
 
 @dataclass(frozen=True)
 class Relief:
-    """height: (S, S) float32; surface: (S, S) uint8 below SURFACES, which piece of tissue each pixel
-    shows (0 is the wall); cavity: (S, S) float32 in [0, 1], 1 inside a dark recess."""
+    """height: (S, S) float32; surface: (S, S) uint8 below SURFACES, which piece of tissue each
+    pixel shows (0 is the wall); cavity: (S, S) float32 in [0, 1], 1 inside a dark recess."""
 
     height: Field
     surface: NDArray[np.uint8]
@@ -116,6 +116,7 @@ def bent_ellipse(
 
 
 def bending(rng: np.random.Generator, size_px: int) -> Field:
+    """A smooth displacement (S, S) that bends straight forms."""
     return smooth_noise(rng, size_px, 1.5) + np.float32(0.25) * smooth_noise(rng, size_px, 4)
 
 

@@ -215,6 +215,7 @@ def wet_shine(
 
 
 def unit(vectors: Image) -> Image:
+    """Vectors (..., 3) at length 1."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), np.float32)
 
 

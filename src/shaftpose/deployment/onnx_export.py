@@ -1,4 +1,4 @@
-"""The trained network as one ONNX file, with decoding and non-maximum suppression inside."""
+"""A detector as one ONNX file, with decoding and non-maximum suppression inside."""
 
 import logging
 import warnings
@@ -9,53 +9,22 @@ from typing import Any
 
 import torch
 from onnxscript import opset20
-from torch import Tensor, nn
-
-from shaftpose.network.decoding import IMAGE_SIDE_PX, DecodedOutputs, decode
-from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
+from torch import nn
 
 OPSET = 20
 # Its type hints refuse the Python numbers and lists that it accepts.
 op: Any = opset20
 
 
-class ExportedShaftNetwork(nn.Module):
-    """Images in, instruments out: what the ONNX file does."""
+def export_onnx(detector: nn.Module, path: Path, side_px: int = 299) -> None:
+    """Write a detector to one file with input `image` and outputs `boxes`, `scores`, `poses`.
 
-    def __init__(self, network: ShaftNetwork, top_k: int, iou_threshold: float, keep: int) -> None:
-        super().__init__()
-        self.network = network
-        self.top_k = top_k
-        self.iou_threshold = iou_threshold
-        self.keep = keep
-
-    def forward(self, image: Tensor) -> DecodedOutputs:
-        """(N, 299, 299, 3) uint8 RGB -> boxes (N, keep, 4), scores (N, keep), poses (N, keep, 5).
-
-        Boxes in pixels, poses in mm and deg, best score first, padded with zeros.
-        """
-        network = self.network
-        outputs = network(normalise_images(image))
-        return decode(
-            outputs, network.defaults, network.pose_coder,
-            self.top_k, self.iou_threshold, self.keep,
-        )  # fmt: skip
-
-
-def export_onnx(
-    network: ShaftNetwork,
-    path: Path,
-    top_k: int = 250,
-    iou_threshold: float = 0.5,
-    keep: int = 20,
-) -> None:
-    """Write `network` to one file with input `image` and outputs `boxes`, `scores`, `poses`.
-
-    The number of images is free. The network is exported in evaluation mode, on the CPU.
+    detector: (N, side, side, 3) uint8 RGB -> three tensors whose first dimension is N, which stays
+    free. It is exported in evaluation mode, on the CPU.
     """
-    exported = ExportedShaftNetwork(network.cpu().eval(), top_k, iou_threshold, keep)
+    exported = detector.cpu().eval()
     # Two images: an example of one would fix the batch dimension to one.
-    example = torch.zeros(2, IMAGE_SIDE_PX, IMAGE_SIDE_PX, 3, dtype=torch.uint8)
+    example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
     with _quiet():
         program = torch.onnx.export(
             exported,

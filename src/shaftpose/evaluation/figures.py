@@ -103,7 +103,8 @@ def save_figure(figure: Figure, path: Path) -> None:
 def _draw_quartiles(axes: Axes, true: Array, absolute: Array) -> None:
     """Median line and quartile band over equally wide bins of the true value."""
     if not len(true):
-        return _say_empty(axes)
+        _say_empty(axes)
+        return
     edges = np.linspace(true.min(), true.max(), BINS + 1)
     bins = np.digitize(true, edges[1:-1])
     filled = np.unique(bins)
@@ -120,7 +121,8 @@ def _draw_quartiles(axes: Axes, true: Array, absolute: Array) -> None:
 def _draw_histogram(axes: Axes, absolute: Array) -> None:
     """Counts up to the 99th percentile: a few gross errors would hide all others."""
     if not len(absolute):
-        return _say_empty(axes)
+        _say_empty(axes)
+        return
     limit = max(float(np.percentile(absolute, 99)), 1e-9)
     axes.hist(absolute, bins=30, range=(0, limit), color=COLOURS[0], alpha=0.85)
     mean = float(absolute.mean())

@@ -10,11 +10,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shaftpose.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.matching import match_boxes
 from shaftpose.network.pose_coding import PoseCoder
-from shaftpose.network.targets import Targets
 
 
 class LossTerms(NamedTuple):

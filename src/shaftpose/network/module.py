@@ -5,10 +5,10 @@ from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 
+from shaftpose.batches import Batch
 from shaftpose.errors import InputError
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
-from shaftpose.network.targets import Batch
 
 
 class ShaftModule(LightningModule):

@@ -159,9 +159,7 @@ class Renderer:
 
     def _region(self, poses: Sequence[ShaftPose]) -> Region | None:
         placed = [(self._mesh, _pose_matrix(pose)) for pose in poses]
-        placed += [
-            (mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders
-        ]
+        placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders]
         boxes = []
         for mesh, matrix in placed:
             points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]

@@ -45,7 +45,7 @@ def apply_lens(rgb: NDArray[np.uint8], lens: Lens, sensor_seed: int) -> NDArray[
     image += lens.haze * _smoke(rng, rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
     image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
     if lens.blur_px > 0:
-        image = cv2.GaussianBlur(image, (0, 0), lens.blur_px)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), lens.blur_px), dtype=np.float32)
     image += lens.noise * rng.standard_normal(image.shape, dtype=np.float32)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 

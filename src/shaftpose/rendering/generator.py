@@ -15,7 +15,6 @@ from shaftpose.rendering.compositing import apply_lens, composite
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.shards import Instrument, Sample, decode_rgb, sample_key
 
-
 _MOST_DRAWS = 50
 
 
@@ -47,9 +46,7 @@ class Generator:
             facts=self._facts(scene, index),
         )
 
-    def _acceptable(
-        self, index: int
-    ) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
+    def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
         """The first draw that shows enough of every shaft. The sampler saw to that on a coarse
         grid and without occluders, so all but occluded images take the first."""
         least = self._settings.scene.min_visible_px

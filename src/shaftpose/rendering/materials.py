@@ -81,9 +81,7 @@ def scratch_normals(rng: np.random.Generator, size_px: int) -> NDArray[np.float3
     return (normal * 0.5 + 0.5).astype(np.float32)
 
 
-def _blur_tiled(
-    image: NDArray[np.float32], sigma_u: float, sigma_v: float
-) -> NDArray[np.float32]:
+def _blur_tiled(image: NDArray[np.float32], sigma_u: float, sigma_v: float) -> NDArray[np.float32]:
     """Gaussian blur that wraps around, so that the result tiles."""
     pad = int(4 * max(sigma_u, sigma_v))
     padded = cv2.copyMakeBorder(image, pad, pad, pad, pad, cv2.BORDER_WRAP)

@@ -153,9 +153,7 @@ def sample_occluders(
     return tuple(_occluder_before(rng, pose, shaft) for pose in poses)
 
 
-def _occluder_before(
-    rng: np.random.Generator, pose: ShaftPose, shaft: ShaftSettings
-) -> Occluder:
+def _occluder_before(rng: np.random.Generator, pose: ShaftPose, shaft: ShaftSettings) -> Occluder:
     """A lump on the line of sight to a point within 15 mm of the tip."""
     hidden = pose.tip_mm + float(rng.uniform(-1, 15)) * pose.direction
     hidden[2] = max(hidden[2], 4.0)

@@ -1,0 +1,40 @@
+"""The network of a variant, as train, export and evaluation need it alike."""
+
+from pathlib import Path
+
+from hydra.utils import instantiate
+from settings import size
+from stage import Config
+
+from shaftpose.config import PoseRanges, Variant, parse
+from shaftpose.network.checkpoint import load_network_weights
+from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.shaft_network import ShaftNetwork
+
+
+def variant(config: Config) -> Variant:
+    """What distinguishes the chosen variant, checked."""
+    values = {key: value for key, value in config["variant"].items() if key != "head"}
+    return parse(Variant, values, f"conf/variant/{values.get('name', '?')}.yaml")
+
+
+def identity(config: Config) -> dict[str, str | float]:
+    """What a checkpoint must agree in with the network that loads it."""
+    return {"variant": variant(config).name, "width": size(config).width}
+
+
+def build_network(config: Config) -> ShaftNetwork:
+    """The untrained network of the chosen variant and width."""
+    ranges = parse(PoseRanges, config["poses"], "params.yaml: poses")
+    return ShaftNetwork(
+        backbone=instantiate(config["backbone"]),
+        head=instantiate(config["variant"]["head"]),
+        pose_coder=PoseCoder(ranges.low, ranges.high),
+    )
+
+
+def trained_network(config: Config, checkpoint: Path) -> ShaftNetwork:
+    """The network with the weights of a checkpoint."""
+    network = build_network(config)
+    load_network_weights(checkpoint, network, identity(config))
+    return network.eval()

@@ -1,0 +1,139 @@
+"""Stage `train`: one variant, from lists of images to a checkpoint and learning curves."""
+
+import json
+import logging
+import shutil
+import tempfile
+import uuid
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning import Trainer, seed_everything
+from lightning.pytorch.callbacks import LearningRateMonitor, TQDMProgressBar
+from lightning.pytorch.loggers import CSVLogger
+from networks import build_network, identity, variant
+from settings import size
+from stage import Config, stage
+
+from shaftpose import tracking
+from shaftpose.config import Augmentation, LossSettings, Size, TrainingSettings, Variant, parse
+from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.split import read_keys
+from shaftpose.dataset.training_data import (
+    RealImages,
+    RenderedImages,
+    TrainingData,
+    TrainingStream,
+    Transform,
+)
+from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.network.loss import ShaftLoss
+from shaftpose.network.module import ShaftModule
+from shaftpose.shards import ShardedDataset
+
+logger = logging.getLogger(__name__)
+
+
+@stage
+def main(config: Config) -> None:
+    """Write `model.ckpt`, `curves.csv` and `training.json` to `out`."""
+    chosen, sizes, out = variant(config), size(config), Path(config["out"])
+    out.mkdir(parents=True, exist_ok=True)
+    seed_everything(config["seed"], verbose=False)
+    module, data = build_module(config, sizes), training_data(config, chosen, sizes)
+    training_id = uuid.uuid4().hex
+    tracking.connect(**config["tracking"])
+    logger.info("training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size)
+    with (
+        tracking.training_run(
+            training_id,
+            name=chosen.name,
+            parameters=logged_parameters(config),
+            dataset=tracking.dataset_identity(Path("dvc.lock")),
+            sweep_folder=out.parent,
+        ) as mlflow_logger,
+        tempfile.TemporaryDirectory() as logs,
+    ):
+        curves = CSVLogger(logs, name="", version="")
+        trainer = build_trainer(config, sizes, [curves, mlflow_logger])
+        trainer.fit(module, data)
+        curves.save()
+        shutil.copyfile(Path(logs) / "metrics.csv", out / "curves.csv")
+    trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
+    images = len(read_keys(Path("data/split"), "train"))
+    facts = {"training_id": training_id, "training_images": images, "steps": trainer.global_step}
+    (out / "training.json").write_text(json.dumps(facts, indent=1) + "\n")
+    logger.info("checkpoint and learning curves are in %s", out)
+
+
+def build_module(config: Config, sizes: Size) -> ShaftModule:
+    """The network with its loss and optimiser."""
+    loss = parse(LossSettings, config["loss"], "params.yaml: loss")
+    return ShaftModule(
+        network=build_network(config),
+        loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
+        identity=identity(config),
+        learning_rate=sizes.learning_rate,
+        total_steps=sizes.steps,
+        warmup_steps=sizes.warmup_steps,
+    )
+
+
+def training_data(config: Config, chosen: Variant, sizes: Size) -> TrainingData:
+    """The images of the run, augmented, with real ones mixed in if the variant asks for them."""
+    settings = parse(TrainingSettings, config["training"], "params.yaml: training")
+    shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
+    stream = TrainingStream(
+        rendered=RenderedImages(shards, read_keys(lists, "train")),
+        real=real_images(config["camera"]["size_px"]) if chosen.real_share > 0 else None,
+        real_share=chosen.real_share,
+        transforms=transforms(settings.augmentation, chosen.noise),
+        length=sizes.steps * sizes.batch_size,
+        seed=config["seed"],
+    )
+    validation = RenderedImages(shards, read_keys(lists, "validation"))
+    return TrainingData(stream, validation, sizes.batch_size, settings.loader_workers)
+
+
+def real_images(size_px: int) -> RealImages:
+    """The training part of the real, or stand-in, images."""
+    folder = Path("data/real")
+    return RealImages(read_coco(folder / "train.json", folder / "images"), size_px)
+
+
+def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
+    """Colour jitter for every variant, noise where the variant has it."""
+    jitter = ColourJitter(
+        brightness=augmentation.brightness,
+        contrast=augmentation.contrast,
+        saturation=augmentation.saturation,
+        hue_deg=augmentation.hue_deg,
+    )
+    return [jitter, UniformNoise(noise)] if noise else [jitter]
+
+
+def build_trainer(config: Config, sizes: Size, loggers: list[Any]) -> Trainer:
+    """One pass over the stream, validated every so many steps."""
+    return Trainer(
+        **config["trainer"],
+        precision=sizes.precision,
+        max_epochs=1,
+        max_steps=sizes.steps,
+        val_check_interval=min(config["training"]["validate_every"], sizes.steps),
+        log_every_n_steps=min(25, sizes.steps),
+        logger=loggers,
+        callbacks=[TQDMProgressBar(refresh_rate=20), LearningRateMonitor("step")],
+        enable_checkpointing=False,
+        enable_model_summary=False,
+    )
+
+
+def logged_parameters(config: Config) -> dict[str, Any]:
+    """What of the configuration determines a training."""
+    parts = ("profile", "seed", "size", "variant", "loss", "training", "poses", "split")
+    return {part: config[part] for part in parts} | {"torch": torch.__version__}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Which images train, validate and test."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from shaftpose.config import SplitSettings
+from shaftpose.errors import InputError
+
+PARTS = ("train", "validation", "test")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Keys of the images of each part; no key is in two of them."""
+
+    train: list[str]
+    validation: list[str]
+    test: list[str]
+
+
+def split_images(sources: Mapping[str, str], settings: SplitSettings, seed: int) -> Split:
+    """Split images, given as key -> id of the source background.
+
+    The test part has exactly `settings.test` of the images (rounded); the validation part is cut
+    from the rest. "grouped": images of one source stay together; "random": the paper's plain split.
+    """
+    # Random: every image is a group of its own.
+    groups = sources if settings.method == "grouped" else {key: key for key in sources}
+    rng = np.random.default_rng(seed)
+    test_count = round(settings.test * len(sources))
+    test = _take_groups(groups, list(sources), test_count, rng)
+    rest = [key for key in sources if key not in test]
+    validation_count = max(1, round(settings.validation * len(rest)))
+    validation = _take_groups(groups, rest, validation_count, rng, at_least=True)
+    return Split(
+        train=[key for key in rest if key not in validation],
+        validation=sorted(validation),
+        test=sorted(test),
+    )
+
+
+def _take_groups(
+    groups: Mapping[str, str],
+    keys: Sequence[str],
+    count: int,
+    rng: np.random.Generator,
+    at_least: bool = False,
+) -> set[str]:
+    """Keys of whole groups that hold exactly `count` images, or the least number above it."""
+    members: dict[str, list[str]] = {}
+    for key in keys:
+        members.setdefault(groups[key], []).append(key)
+    names = [str(name) for name in rng.permutation(sorted(members))]
+    sizes = [len(members[name]) for name in names]
+    targets = range(count, len(keys)) if at_least else [count]
+    for target in targets:
+        chosen = subset_with_sum(sizes, target)
+        if chosen is not None and target > 0:
+            return {key for n in chosen for key in members[names[n]]}
+    raise InputError(
+        f"params.yaml: split: no whole source backgrounds hold exactly {count} of {len(keys)} "
+        "images; render more images, give more backgrounds, or choose split.method: random"
+    )
+
+
+def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
+    """Indices of sizes that add up to `target`, or None (subset sum; a bit set per prefix)."""
+    reachable = [1]
+    for size in sizes:
+        reachable.append((reachable[-1] | reachable[-1] << size) & ((1 << target + 1) - 1))
+    if not reachable[-1] >> target & 1:
+        return None
+    chosen = []
+    for n in reversed(range(len(sizes))):
+        # Without this size if the sum can be reached without it.
+        if not reachable[n] >> target & 1:
+            chosen.append(n)
+            target -= sizes[n]
+    return chosen
+
+
+def write_split(split: Split, folder: Path) -> None:
+    """One CSV file of keys for each part."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for part in PARTS:
+        with (folder / f"{part}.csv").open("w", newline="") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(["key"])
+            rows.writerows([key] for key in getattr(split, part))
+
+
+def read_keys(folder: Path, part: str) -> list[str]:
+    """The keys of one part. Raises InputError naming the file if it is missing or empty."""
+    path = folder / f"{part}.csv"
+    if not path.is_file():
+        raise InputError(f"{path}: no such list; run the split stage")
+    with path.open(newline="") as stream:
+        keys = [row["key"] for row in csv.DictReader(stream)]
+    if not keys:
+        raise InputError(f"{path}: lists no image; run the split stage")
+    return keys

@@ -1,0 +1,156 @@
+"""What a network is trained on: rendered and real images as one stream, and its batches."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from lightning import LightningDataModule
+from numpy.typing import NDArray
+from torch.utils.data import DataLoader, Dataset
+
+from shaftpose.batches import Batch, Targets
+from shaftpose.dataset.coco import RealImage, load_square
+from shaftpose.instruments import Annotations
+from shaftpose.shards import ShardedDataset
+
+Transform = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
+LabelledImage = tuple[NDArray[np.uint8], Annotations]  # (H, W, 3) uint8 RGB and what is in it
+
+
+class Images(Dataset[LabelledImage], ABC):
+    """A sequence of labelled images."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """The number of images."""
+
+
+@dataclass(frozen=True)
+class RenderedImages(Images):
+    """Chosen images of a rendered dataset."""
+
+    shards: ShardedDataset
+    keys: Sequence[str]
+
+    def __len__(self) -> int:
+        """The number of images."""
+        return len(self.keys)
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        """Image `index` with boxes and poses."""
+        key = self.keys[index]
+        return self.shards.rgb(key), self.shards.annotations(key)
+
+
+@dataclass(frozen=True)
+class RealImages(Images):
+    """Real images: boxes, no poses."""
+
+    images: Sequence[RealImage]
+    size_px: int
+
+    def __len__(self) -> int:
+        """The number of images."""
+        return len(self.images)
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        """Image `index` with boxes."""
+        sample = load_square(self.images[index], self.size_px)
+        return sample.rgb, Annotations(sample.boxes, None)
+
+
+@dataclass(frozen=True)
+class TrainingStream(Images):
+    """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
+
+    Rendered images come in a new random order each time round; a share `real_share` of the items,
+    evenly spread, are real images. A run that stops at item n can go on from there.
+    """
+
+    rendered: Images
+    real: Images | None
+    real_share: float
+    transforms: Sequence[Transform]
+    length: int
+    seed: int
+
+    def __len__(self) -> int:
+        """The number of images that the run sees, repetitions counted."""
+        return self.length
+
+    def __getitem__(self, n: int) -> LabelledImage:
+        """Item n, changed by the transforms."""
+        real_before = int(n * self.real_share)
+        if self.real is not None and int((n + 1) * self.real_share) > real_before:
+            rgb, annotations = self.real[_shuffled(self.seed, real_before, len(self.real))]
+        else:
+            number = n - real_before
+            rgb, annotations = self.rendered[_shuffled(self.seed, number, len(self.rendered))]
+        rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
+        for transform in self.transforms:
+            rgb = transform(rgb, rng)
+        return rgb, annotations
+
+
+def _shuffled(seed: int, number: int, count: int) -> int:
+    """The index of draw `number` from `count` items that are shuffled anew each time round."""
+    return int(_order(seed, number // count, count)[number % count])
+
+
+@lru_cache(maxsize=4)
+def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
+    return np.random.default_rng(np.random.SeedSequence([seed, turn, count])).permutation(count)
+
+
+def pad_batch(items: Sequence[LabelledImage]) -> Batch:
+    """Stack images and pad their instruments; at least one place, so that no shape is 0."""
+    places = max(1, *(len(annotations.boxes) for _, annotations in items))
+    boxes = np.zeros((len(items), places, 4), dtype=np.float32)
+    poses = np.zeros((len(items), places, 5), dtype=np.float32)
+    valid = np.zeros((len(items), places), dtype=bool)
+    for n, (rgb, annotations) in enumerate(items):
+        count = len(annotations.boxes)
+        boxes[n, :count] = annotations.boxes / rgb.shape[0]
+        valid[n, :count] = True
+        if annotations.poses is not None:
+            poses[n, :count] = annotations.poses
+    has_pose = torch.tensor([annotations.poses is not None for _, annotations in items])
+    targets = Targets(
+        torch.from_numpy(boxes), torch.from_numpy(poses), torch.from_numpy(valid), has_pose
+    )
+    return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
+
+
+class TrainingData(LightningDataModule):
+    """Feeds a training run: its stream in order, and the validation images."""
+
+    def __init__(
+        self,
+        stream: TrainingStream,
+        validation: RenderedImages,
+        batch_size: int,
+        loader_workers: int,
+    ) -> None:
+        super().__init__()
+        self._stream, self._validation = stream, validation
+        self._batch_size, self._workers = batch_size, loader_workers
+
+    def train_dataloader(self) -> DataLoader[LabelledImage]:
+        """Batches of the stream; the stream shuffles by itself."""
+        return self._loader(self._stream)
+
+    def val_dataloader(self) -> DataLoader[LabelledImage]:
+        """Batches of the validation images, unaltered."""
+        return self._loader(self._validation)
+
+    def _loader(self, images: Images) -> DataLoader[LabelledImage]:
+        return DataLoader(
+            images,
+            batch_size=self._batch_size,
+            collate_fn=pad_batch,
+            num_workers=self._workers,
+            persistent_workers=self._workers > 0,
+        )

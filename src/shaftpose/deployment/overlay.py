@@ -1,0 +1,102 @@
+"""Pictures for people: images with boxes, axes, masks and pose text, and sheets of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.geometry import Camera, ShaftPose
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# Okabe and Ito's palette, told apart by colour-blind readers too.
+TRUTH: Colour = (0, 158, 115)
+FOUND: Colour = (240, 228, 66)
+_TEXT_PX = 13
+_SHORTEST_VIEW_MM = 1.0  # the drawn axis ends before the camera's plane
+
+
+def draw_boxes(image: Image, boxes: NDArray[np.float64], colour: Colour) -> Image:
+    """The image (H, W, 3) RGB with boxes (N, 4) px."""
+    drawn = image.copy()
+    for x0, y0, x1, y1 in np.rint(boxes).astype(int).tolist():
+        cv2.rectangle(drawn, (x0, y0), (x1 - 1, y1 - 1), colour, 1, cv2.LINE_AA)
+    return drawn
+
+
+def draw_masks(image: Image, masks: Sequence[NDArray[np.bool_]], colour: Colour) -> Image:
+    """The image with the outlines of masks (H, W)."""
+    drawn = image.copy()
+    for mask in masks:
+        outline, _ = cv2.findContours(
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        cv2.drawContours(drawn, outline, -1, colour, 1, cv2.LINE_AA)
+    return drawn
+
+
+def draw_poses(
+    image: Image, poses: NDArray[np.float64], camera: Camera, colour: Colour, text: bool = True
+) -> Image:
+    """The image with tip, projected axis and, if asked for, the numbers of poses (N, 5)."""
+    drawn = image.copy()
+    for row, pose in enumerate(poses):
+        tip, far = (_pixel(point) for point in _axis_ends(ShaftPose.from_array(pose), camera))
+        cv2.line(drawn, tip, far, colour, 1, cv2.LINE_AA)
+        cv2.circle(drawn, tip, 3, colour, 1, cv2.LINE_AA)
+        if text:
+            _write(drawn, pose_text(pose), (4, image.shape[0] - 5 - _TEXT_PX * row), colour)
+    return drawn
+
+
+def pose_text(pose: NDArray[np.float64]) -> str:
+    """A pose (5,) as a line of text: mm, mm, mm, degrees, degrees."""
+    x, y, z, pitch, yaw = (f"{value:.1f}" for value in pose)
+    return f"x {x} y {y} z {z} mm  p {pitch} w {yaw} deg"
+
+
+def label(image: Image, text: str) -> Image:
+    """The image with a line of text in its upper left corner."""
+    drawn = image.copy()
+    _write(drawn, text, (4, _TEXT_PX), (255, 255, 255))
+    return drawn
+
+
+def contact_sheet(images: Sequence[Image], columns: int) -> Image:
+    """Images of one size side by side, row by row, the last row filled up with black."""
+    rows = -(-len(images) // columns)
+    blank = np.zeros_like(images[0])
+    padded = [*images, *[blank] * (rows * columns - len(images))]
+    lines = [np.hstack(padded[n * columns : (n + 1) * columns]) for n in range(rows)]
+    return np.vstack(lines)
+
+
+def write_image(image: Image, path: Path, jpeg_quality: int = 88) -> None:
+    """Write an RGB image as PNG or JPEG, by the ending of the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    flags = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)
+
+
+def _axis_ends(pose: ShaftPose, camera: Camera) -> list[NDArray[np.float64]]:
+    """Pixels of the tip and of the axis' far end, 150 mm away or where it nears the camera."""
+    tip = pose.tip_mm.copy()
+    tip[2] = max(tip[2], _SHORTEST_VIEW_MM)
+    slope = -pose.direction[2]
+    length = 150.0 if slope <= 0 else min(150.0, (tip[2] - _SHORTEST_VIEW_MM) / slope)
+    return [camera.project(tip), camera.project(tip + length * pose.direction)]
+
+
+def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
+    u, v = np.clip(point, -1e4, 1e4)
+    return int(u), int(v)
+
+
+def _write(image: Image, text: str, origin: tuple[int, int], colour: Colour) -> None:
+    """Text with a dark rim, readable on any background."""
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    for shade, thickness in (((0, 0, 0), 3), (colour, 1)):
+        cv2.putText(image, text, origin, font, 0.38, shade, thickness, cv2.LINE_AA)

@@ -1,0 +1,169 @@
+"""Experiment tracking: the only place that knows MLflow.
+
+A training has an id of its own, kept beside its checkpoint and as a tag of its run: stages that
+follow find the run by it, also where the database was not copied along with the models.
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
+
+import mlflow  # noqa: E402
+import numpy as np  # noqa: E402
+import onnx  # noqa: E402
+import yaml  # noqa: E402
+from lightning.pytorch.loggers import MLFlowLogger  # noqa: E402
+from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
+from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
+from mlflow.entities import Run  # noqa: E402
+from mlflow.models import infer_signature  # noqa: E402
+
+TRAINING_TAG = "shaftpose.training"
+MODEL_NAME = "shaftpose"
+CHAMPION = "champion"
+_PARENT_FILE = "mlflow_parent.txt"
+
+
+def connect(uri: str | None, experiment: str) -> str:
+    """Select server and experiment for this process; returns the URI.
+
+    uri: of an MLflow server; None: the environment's MLFLOW_TRACKING_URI, else `mlflow.db` in the
+    project's folder, with artifacts in `mlruns`.
+    """
+    root = workspace(Path.cwd())
+    uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
+    mlflow.set_tracking_uri(uri)
+    if mlflow.get_experiment_by_name(experiment) is None:
+        location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
+        mlflow.create_experiment(experiment, artifact_location=location)
+    mlflow.set_experiment(experiment)
+    return uri
+
+
+def workspace(folder: Path) -> Path:
+    """The user's own copy of the project: `dvc exp run --queue` works in a copy below
+    `.dvc/tmp/exps`, and what is tracked there must outlive it."""
+    parts = folder.resolve().parts
+    for n, part in enumerate(parts):
+        if part == ".dvc" and parts[n + 1 : n + 3] == ("tmp", "exps"):
+            return Path(*parts[:n])
+    return folder.resolve()
+
+
+@contextmanager
+def training_run(
+    training_id: str,
+    name: str,
+    parameters: Mapping[str, Any],
+    dataset: Mapping[str, str],
+    sweep_folder: Path,
+) -> Iterator[MLFlowLogger]:
+    """The MLflow run of one training, with system metrics; yields Lightning's logger for it.
+
+    parameters: nested, logged flat; dataset: path -> DVC hash of what is trained on;
+    sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's.
+    """
+    parent = _read_parent(sweep_folder)
+    with mlflow.start_run(
+        run_name=name, parent_run_id=parent, nested=parent is not None, log_system_metrics=True
+    ) as run:
+        mlflow.set_tag(TRAINING_TAG, training_id)
+        mlflow.log_params(flatten(parameters))
+        mlflow.set_tags({f"dataset.{path}": digest for path, digest in dataset.items()})
+        digest = dataset.get("data/render", "unknown")[:36]
+        source = CodeDatasetSource(tags={"stage": "render"})
+        mlflow.log_input(MetaDataset(source, name="data/render", digest=digest), context="training")
+        yield MLFlowLogger(
+            experiment_name=mlflow.get_experiment(run.info.experiment_id).name,
+            tracking_uri=mlflow.get_tracking_uri(),
+            run_id=run.info.run_id,
+        )
+
+
+def start_sweep(folder: Path, name: str) -> None:
+    """Create the parent run of a sweep before its jobs start, and note it in the sweep's folder."""
+    with mlflow.start_run(run_name=name) as run:
+        mlflow.set_tag("shaftpose.sweep", str(folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / _PARENT_FILE).write_text(run.info.run_id)
+
+
+def _read_parent(folder: Path) -> str | None:
+    note = folder / _PARENT_FILE
+    return note.read_text() if note.is_file() else None
+
+
+def log_results(
+    training_id: str, name: str, metrics: Mapping[str, float | None], figures: Mapping[str, Path]
+) -> None:
+    """Add test metrics (those that are known) and figures (title -> file) to a training's run."""
+    known = {key: float(value) for key, value in metrics.items() if value is not None}
+    with mlflow.start_run(run_id=_run_of(training_id, name)):
+        mlflow.log_metrics(known)
+        for path in figures.values():
+            mlflow.log_artifact(str(path), "figures")
+
+
+def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> None:
+    """Add an ONNX file with its signature to a training's run.
+
+    example: images (N, H, W, 3) uint8, the model's input.
+    """
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    names = [output.name for output in session.get_outputs()]
+    outputs = dict(zip(names, session.run(None, {"image": example}), strict=True))
+    with mlflow.start_run(run_id=_run_of(training_id, name)):
+        mlflow.onnx.log_model(
+            onnx.load(str(model)),
+            name="model",
+            signature=infer_signature({"image": example}, outputs),
+            pip_requirements=["onnxruntime", "numpy"],
+        )
+
+
+def register_champion(training_id: str, name: str, rule: str) -> None:
+    """Register the model of a training's run and give it the alias `champion`."""
+    run_id = _run_of(training_id, name)
+    client = mlflow.MlflowClient()
+    version = mlflow.register_model(f"runs:/{run_id}/model", MODEL_NAME)
+    client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
+    client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)
+
+
+def _run_of(training_id: str, name: str) -> str:
+    """The run of a training; a new one if this database does not hold it."""
+    found = mlflow.search_runs(
+        filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'", output_format="list"
+    )
+    if found:
+        first: Run = found[0]
+        return str(first.info.run_id)
+    with mlflow.start_run(run_name=name) as run:
+        mlflow.set_tag(TRAINING_TAG, training_id)
+    return str(run.info.run_id)
+
+
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """{"loss": {"alpha": 1}} -> {"loss.alpha": 1}; sequences stay whole."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def dataset_identity(lock: Path) -> dict[str, str]:
+    """Path -> DVC hash of every output of the data stages that `dvc.lock` knows."""
+    if not lock.is_file():
+        return {}
+    stages = yaml.safe_load(lock.read_text())["stages"]
+    outs = [out for name, entry in stages.items() if "@" not in name for out in entry["outs"]]
+    return {out["path"]: out["md5"] for out in outs if out["path"].startswith("data/")}
