@@ -24,10 +24,10 @@ def main(config: Config) -> None:
     if settings.source is None:
         logger.info("painting %d procedural tissues, no folder being given", sizes.sources)
         sources = procedural_sources(sizes.sources, seed, side_px, MUCOSA)
-        write_library(sources, out, sizes.variations, ranges, seed, side_px)
+        write_library(sources, out, sizes.variations, ranges, seed, side_px, sizes.sources)
     else:
         images = read_source_images(Path(settings.source))
-        write_library(images, out, sizes.variations, ranges, seed, side_px)
+        write_library(images, out, sizes.variations, ranges, seed, side_px, len(images))
         logger.info("%d unreadable images were skipped", len(images.skipped))
     logger.info("the backgrounds are in %s", out)
 

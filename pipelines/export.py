@@ -1,12 +1,12 @@
 """Stage `export`: a checkpoint as one ONNX file, checked against PyTorch on real test images."""
 
-import json
 import logging
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from networks import trained_network, variant
+from results import read_training, write_json
 from stage import Config, stage
 
 from shaftpose import tracking
@@ -26,8 +26,8 @@ PARITY_IMAGES = 16
 
 @stage
 def main(config: Config) -> None:
-    """Write `model.onnx` and `parity.json` to `out`, from the checkpoint in `training_folder`."""
-    out, training = Path(config["out"]), Path(config["training_folder"])
+    """Write `model.onnx` and `parity.json` to `out`, from the checkpoint in `model_folder`."""
+    out, training = Path(config["out"]), Path(config["model_folder"])
     out.mkdir(parents=True, exist_ok=True)
     limits = parse(DetectionSettings, config["detection"], "params.yaml: detection")
     network = trained_network(config, training / "model.ckpt")
@@ -36,11 +36,11 @@ def main(config: Config) -> None:
     export_onnx(detector, path, config["camera"]["size_px"])
     images = test_images(PARITY_IMAGES)
     parity = check_parity(detector, Predictor(path), images)
-    (out / "parity.json").write_text(json.dumps(asdict(parity), indent=1) + "\n")
+    write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
     tracking.connect(**config["tracking"])
-    training_id = json.loads((training / "training.json").read_text())["training_id"]
+    training_id = read_training(training)["training_id"]
     tracking.log_model(training_id, variant(config).name, path, images[:1])
     logger.info("the model is in %s; against PyTorch: %s", path, parity)
 

@@ -1,8 +1,7 @@
 """Stage `train`: one variant, from lists of images to a checkpoint and learning curves."""
 
-import json
+import csv
 import logging
-import shutil
 import tempfile
 import uuid
 from pathlib import Path
@@ -13,6 +12,7 @@ from lightning import Trainer, seed_everything
 from lightning.pytorch.callbacks import LearningRateMonitor, TQDMProgressBar
 from lightning.pytorch.loggers import CSVLogger
 from networks import build_network, identity, variant
+from results import write_json
 from settings import size
 from stage import Config, stage
 
@@ -59,11 +59,18 @@ def main(config: Config) -> None:
         trainer = build_trainer(config, sizes, [curves, mlflow_logger])
         trainer.fit(module, data)
         curves.save()
-        shutil.copyfile(Path(logs) / "metrics.csv", out / "curves.csv")
+        write_curves(Path(logs) / "metrics.csv", out / "curves.csv")
     trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
-    images = len(read_keys(Path("data/split"), "train"))
-    facts = {"training_id": training_id, "training_images": images, "steps": trainer.global_step}
-    (out / "training.json").write_text(json.dumps(facts, indent=1) + "\n")
+    facts = {
+        "training_id": training_id,
+        "training_images": len(read_keys(Path("data/split"), "train")),
+        "steps": trainer.global_step,
+        "batch_size": sizes.batch_size,
+        "width": sizes.width,
+        "seed": config["seed"],
+        "parameters": sum(weight.numel() for weight in module.network.parameters()),
+    }
+    write_json(out / "training.json", facts)
     logger.info("checkpoint and learning curves are in %s", out)
 
 
@@ -127,6 +134,16 @@ def build_trainer(config: Config, sizes: Size, loggers: list[Any]) -> Trainer:
         enable_checkpointing=False,
         enable_model_summary=False,
     )
+
+
+def write_curves(logged: Path, out: Path) -> None:
+    """Lightning's wide table, most cells of which are empty, as rows of step, name, value."""
+    with logged.open(newline="") as source, out.open("w", newline="") as target:
+        rows = csv.writer(target, lineterminator="\n")
+        rows.writerow(["step", "name", "value"])
+        for row in csv.DictReader(source):
+            names = [name for name in row if row[name] and name not in ("step", "epoch")]
+            rows.writerows([row["step"], name, row[name]] for name in names)
 
 
 def logged_parameters(config: Config) -> dict[str, Any]:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.images import decode_rgb, encode_jpeg
 from shaftpose.instruments import Annotations
 
 SHAFT_OBJECT_ID = 1
@@ -114,8 +114,6 @@ class ShardWriter:
 
 def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
     """The members of one sample, suffix -> bytes."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(sample.rgb, cv2.COLOR_RGB2BGR), quality)
     parts: dict[str, Any] = {
         "camera.json": {"cam_K": sample.camera.matrix.ravel().tolist(), "depth_scale": 1.0},
         "gt.json": [_bop_pose(i.pose) for i in sample.instruments],
@@ -126,7 +124,7 @@ def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
             **sample.facts,
         },
     }
-    return {"rgb.jpg": jpeg.tobytes()} | {
+    return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
         name: json.dumps(part).encode() for name, part in parts.items()
     }
 
@@ -277,12 +275,6 @@ def shard_paths(folder: Path) -> list[Path]:
     if not paths:
         raise InputError(f"{folder}: no shard-*.tar in it; run the render stage")
     return paths
-
-
-def decode_rgb(data: bytes) -> NDArray[np.uint8] | None:
-    """An encoded image as (H, W, 3) uint8 RGB, or None if it cannot be decoded."""
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    return None if image is None else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],

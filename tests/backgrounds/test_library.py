@@ -8,7 +8,6 @@ import pytest
 
 from shaftpose.backgrounds.library import (
     Background,
-    centre_square,
     procedural_sources,
     read_library,
     read_source_images,
@@ -17,6 +16,7 @@ from shaftpose.backgrounds.library import (
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.errors import InputError
+from shaftpose.images import centre_square
 
 RANGES = VariationRanges(hue_deg=(-10, 10), saturation=(0.8, 1.2), brightness=(0.6, 0.8))
 RED = np.full((20, 30, 3), (200, 40, 30), dtype=np.uint8)
@@ -87,14 +87,14 @@ def test_procedural_image_k_depends_on_seed_and_k_only() -> None:
 
 
 def test_a_library_reads_back_as_it_was_written(tmp_path: Path) -> None:
-    write_library(sources(2), tmp_path, 3, RANGES, seed=1, size_px=8)
+    write_library(sources(2), tmp_path, 3, RANGES, seed=1, size_px=8, total=1)
     assert read_library(tmp_path) == [
         Background(tmp_path / f"{k:06d}.jpg", f"s{k // 3}") for k in range(6)
     ]
 
 
 def test_the_first_of_each_source_is_unaltered_and_the_rest_are_in_range(tmp_path: Path) -> None:
-    write_library([("red", RED)], tmp_path, 3, RANGES, seed=1, size_px=8)
+    write_library([("red", RED)], tmp_path, 3, RANGES, seed=1, size_px=8, total=1)
     with (tmp_path / "index.csv").open() as stream:
         first, *rest = csv.DictReader(stream)
     assert (first["hue_deg"], first["saturation"], first["brightness"]) == (
@@ -110,32 +110,32 @@ def test_the_first_of_each_source_is_unaltered_and_the_rest_are_in_range(tmp_pat
 
 
 def test_bytes_are_reproducible_and_do_not_depend_on_later_sources(tmp_path: Path) -> None:
-    write_library(sources(1), tmp_path / "one", 2, RANGES, seed=1, size_px=8)
-    write_library(sources(3), tmp_path / "three", 2, RANGES, seed=1, size_px=8)
+    write_library(sources(1), tmp_path / "one", 2, RANGES, seed=1, size_px=8, total=1)
+    write_library(sources(3), tmp_path / "three", 2, RANGES, seed=1, size_px=8, total=1)
     for name in ("000000.jpg", "000001.jpg"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "three" / name).read_bytes()
 
 
 def test_the_seed_changes_the_variations(tmp_path: Path) -> None:
     for seed in (1, 2):
-        write_library(sources(1), tmp_path / str(seed), 2, RANGES, seed=seed, size_px=8)
+        write_library(sources(1), tmp_path / str(seed), 2, RANGES, seed=seed, size_px=8, total=1)
     assert (tmp_path / "1/index.csv").read_text() != (tmp_path / "2/index.csv").read_text()
 
 
 def test_an_interrupted_library_has_no_index(tmp_path: Path) -> None:
-    write_library(sources(1), tmp_path, 1, RANGES, seed=1, size_px=8)
+    write_library(sources(1), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
     images = tmp_path / "images"
     images.mkdir()
     (images / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError):
-        write_library(read_source_images(images), tmp_path, 1, RANGES, seed=1, size_px=8)
+        write_library(read_source_images(images), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
     with pytest.raises(InputError, match="index.csv does not exist: run the backgrounds stage"):
         read_library(tmp_path)
 
 
 def test_no_variations_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="set it to 1 or more"):
-        write_library(sources(1), tmp_path, 0, RANGES, seed=1, size_px=8)
+        write_library(sources(1), tmp_path, 0, RANGES, seed=1, size_px=8, total=1)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_an_unusable_index_is_an_error(tmp_path: Path, text: str, complaint: str
 
 
 def test_a_listed_file_that_is_missing_is_named(tmp_path: Path) -> None:
-    write_library(sources(2), tmp_path, 1, RANGES, seed=1, size_px=8)
+    write_library(sources(2), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
     (tmp_path / "000001.jpg").unlink()
     with pytest.raises(InputError, match="000001.jpg.*run the backgrounds stage"):
         read_library(tmp_path)

@@ -10,9 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from shaftpose.backgrounds.tissue import TissueLook, render_tissue
@@ -24,8 +22,8 @@ from shaftpose.backgrounds.variations import (
     vary_colour,
 )
 from shaftpose.errors import InputError
+from shaftpose.images import Image, centre_square, decode_rgb, write_jpeg
 
-Image = NDArray[np.uint8]
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "source", "hue_deg", "saturation", "brightness")
@@ -59,7 +57,7 @@ class SourceImages:
     def __iter__(self) -> Iterator[tuple[str, Image]]:
         self._skipped.clear()
         for path in self.paths:
-            image = _decode(path)
+            image = decode_rgb(path.read_bytes())
             if image is None:
                 self._skipped.append(path)
                 log.warning("skipped %s: not a readable image", path)
@@ -88,13 +86,6 @@ def _is_image_file(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()
 
 
-def _decode(path: Path) -> Image | None:
-    """The RGB image (H, W, 3), or None where the file is damaged or no image."""
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    return None if bgr is None else np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
-
-
 def procedural_sources(
     count: int, seed: int, size_px: int, look: TissueLook
 ) -> Iterator[tuple[str, Image]]:
@@ -104,16 +95,6 @@ def procedural_sources(
         yield f"tissue-{number:06d}", render_tissue(rng, size_px, look)
 
 
-def centre_square(image: Image, size_px: int) -> Image:
-    """The central square of an image (H, W, 3), resized to (size, size, 3)."""
-    height, width = image.shape[:2]
-    side = min(height, width)
-    top, left = (height - side) // 2, (width - side) // 2
-    square = image[top : top + side, left : left + side]
-    method = cv2.INTER_AREA if side > size_px else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=method), np.uint8)
-
-
 def write_library(
     sources: Iterable[tuple[str, Image]],
     out: Path,
@@ -121,21 +102,23 @@ def write_library(
     ranges: VariationRanges,
     seed: int,
     size_px: int,
+    total: int,
 ) -> None:
     """Write `variations` squares of each source (id, RGB image), the first one unaltered.
 
-    The index comes last, so that a library with an index is complete.
+    `total` sources are expected, for the progress bar. The index comes last, so that a library
+    with an index is complete.
     """
     if variations < 1:
         raise InputError(f"variations per background is {variations}: set it to 1 or more")
     out.mkdir(parents=True, exist_ok=True)
     (out / INDEX_NAME).unlink(missing_ok=True)
     rows: list[tuple[str, ...]] = []
-    for number, (source, image) in enumerate(tqdm(sources, desc="backgrounds", unit="image")):
+    for number, (source, image) in enumerate(tqdm(sources, "backgrounds", total, unit="image")):
         square = centre_square(image, size_px)
         for variation in _variations(number, variations, ranges, seed):
             name = f"{len(rows):06d}.jpg"
-            _write_jpeg(out / name, _varied(square, variation))
+            write_jpeg(_varied(square, variation), out / name, JPEG_QUALITY)
             rows.append((name, source, *_as_row(variation)))
     _write_index(out / INDEX_NAME, rows)
 
@@ -166,12 +149,6 @@ def _as_row(variation: Variation) -> tuple[str, str, str]:
         f"{variation.saturation:.4f}",
         f"{variation.brightness:.4f}",
     )
-
-
-def _write_jpeg(path: Path, image: Image) -> None:
-    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    path.write_bytes(data.tobytes())
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Real images: a folder with `images/` and COCO annotations that have boxes but no poses."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.errors import InputError
-from shaftpose.shards import decode_rgb
+from shaftpose.images import centre_square, read_rgb
 
 # Polygons lie on pixel edges; OpenCV fills in sixteenths of a pixel around centres.
 _SUBPIXEL_BITS = 4
@@ -116,19 +117,14 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
 
     An instrument of whose box less than a fifth lies in the square is dropped.
     """
-    rgb = decode_rgb(image.path.read_bytes())
-    if rgb is None:
-        raise InputError(f"{image.path}: not a readable image; replace it or remove its entry")
+    rgb = read_rgb(image.path)
     side = min(image.width, image.height)
-    left, top = (image.width - side) / 2, (image.height - side) / 2
+    left, top = (image.width - side) // 2, (image.height - side) // 2
     scale = size_px / side
-    square = rgb[int(top) : int(top) + side, int(left) : int(left) + side]
-    method = cv2.INTER_AREA if side > size_px else cv2.INTER_LINEAR
-    resized = cv2.resize(square, (size_px, size_px), interpolation=method)
     moved = [_moved(i, np.array([left, top]), scale, size_px) for i in image.instruments]
     kept = [instrument for instrument in moved if instrument is not None]
     return RealSample(
-        rgb=np.asarray(resized, dtype=np.uint8),
+        rgb=centre_square(rgb, size_px),
         boxes=np.array([i.box for i in kept], dtype=np.float64).reshape(-1, 4),
         masks=tuple(polygon_mask(i.polygons, size_px) for i in kept),
         occluded=image.occluded,
@@ -162,3 +158,34 @@ def mask_polygons(mask: NDArray[np.bool_]) -> list[list[float]]:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     polygons = [(contour.reshape(-1, 2) + 0.5).ravel().tolist() for contour in contours]
     return [polygon for polygon in polygons if len(polygon) >= 6]
+
+
+def write_coco(
+    path: Path, images: Sequence[tuple[str, RealSample]], with_masks: bool, description: str
+) -> None:
+    """Write samples, given with their file names, as a COCO file; polygons only if asked for."""
+    content: dict[str, Any] = {
+        "info": {"description": description},
+        "images": [],
+        "annotations": [],
+        "categories": [{"id": 1, "name": "shaft"}],
+    }
+    for number, (name, sample) in enumerate(images, start=1):
+        height, width = sample.rgb.shape[:2]
+        content["images"].append(
+            {"id": number, "file_name": name, "width": width, "height": height}
+        )
+        for box, mask in zip(sample.boxes.tolist(), sample.masks, strict=True):
+            content["annotations"].append(
+                {
+                    "id": len(content["annotations"]) + 1,
+                    "image_id": number,
+                    "category_id": 1,
+                    "iscrowd": 0,
+                    "bbox": [box[0], box[1], box[2] - box[0], box[3] - box[1]],
+                    "area": int(mask.sum()),
+                    "segmentation": mask_polygons(mask) if with_masks else [],
+                    "attributes": {"occluded": sample.occluded},
+                }
+            )
+    path.write_text(json.dumps(content, indent=1) + "\n")

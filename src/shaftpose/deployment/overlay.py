@@ -1,15 +1,14 @@
 """Pictures for people: images with boxes, axes, masks and pose text, and sheets of them."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.images import Image
 
-Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 # Okabe and Ito's palette, told apart by colour-blind readers too.
@@ -72,13 +71,6 @@ def contact_sheet(images: Sequence[Image], columns: int) -> Image:
     padded = [*images, *[blank] * (rows * columns - len(images))]
     lines = [np.hstack(padded[n * columns : (n + 1) * columns]) for n in range(rows)]
     return np.vstack(lines)
-
-
-def write_image(image: Image, path: Path, jpeg_quality: int = 88) -> None:
-    """Write an RGB image as PNG or JPEG, by the ending of the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    flags = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), flags)
 
 
 def _axis_ends(pose: ShaftPose, camera: Camera) -> list[NDArray[np.float64]]:

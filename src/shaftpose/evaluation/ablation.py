@@ -1,6 +1,7 @@
 """The plain data of an ablation study: what was trained, on how much, and what it scored."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -75,3 +76,19 @@ def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
     title = TABLE_I[variant].title if variant in TABLE_I else own_title or variant
     mixed_in_stand_ins = domain_label == STAND_IN and REAL in title.split(" + ")
     return f"{title} ({STAND_IN})" if mixed_in_stand_ins else title
+
+
+def choose_champion(rows: Sequence[VariantRow], margin: float) -> Champion:
+    """The variant with the least tip error among those whose mAP is within `margin` of the best.
+
+    A variant that found no instrument has no tip error and comes last.
+    """
+    best = max(_or(row.metrics["mAP"], 0.0) for row in rows)
+    close = [row for row in rows if _or(row.metrics["mAP"], 0.0) >= best - margin]
+    chosen = min(close, key=lambda row: _or(row.metrics["tip_mm"], math.inf))
+    rule = f"least mean tip error among the variants whose mAP is within {margin:g} of the best"
+    return Champion(chosen.variant, rule)
+
+
+def _or(value: float | int | None, missing: float) -> float:
+    return missing if value is None else float(value)

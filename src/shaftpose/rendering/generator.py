@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
 from shaftpose.geometry import ShaftPose, cylinder_depth, mask_box
+from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer
 from shaftpose.rendering.compositing import apply_lens, composite
 from shaftpose.rendering.scene import Scene, SceneSampler
-from shaftpose.shards import Instrument, Sample, decode_rgb, sample_key
+from shaftpose.shards import Instrument, Sample, sample_key
 
 _MOST_DRAWS = 50
 
@@ -93,10 +94,7 @@ class Generator:
 
 def read_background(path: Path, size_px: int) -> NDArray[np.uint8]:
     """A background (size, size, 3) uint8 RGB. Raises InputError naming the file."""
-    rgb = decode_rgb(path.read_bytes()) if path.is_file() else None
-    if rgb is None or rgb.shape[:2] != (size_px, size_px):
-        raise InputError(
-            f"{path}: not a readable background of {size_px} x {size_px} px; run the backgrounds "
-            "stage again"
-        )
+    rgb = read_rgb(path)
+    if rgb.shape[:2] != (size_px, size_px):
+        raise InputError(f"{path}: not {size_px} x {size_px} px; run the backgrounds stage again")
     return rgb

@@ -1,0 +1,126 @@
+"""Stage `real_images`: images with boxes but no poses, the user's or a rendered stand-in."""
+
+import json
+import logging
+import shutil
+from pathlib import Path
+from typing import Any
+
+from render import by_path
+from settings import render_settings, size
+from stage import Config, stage
+
+from shaftpose.backgrounds.library import procedural_sources, read_library, write_library
+from shaftpose.backgrounds.tissue import STAND_IN
+from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.config import RenderSettings
+from shaftpose.dataset.coco import RealSample, read_coco, write_coco
+from shaftpose.errors import InputError
+from shaftpose.images import write_jpeg
+from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.scale_out import render_set
+from shaftpose.shards import ShardedDataset
+
+logger = logging.getLogger(__name__)
+
+SCRATCH = Path("data/scratch")
+# Seeds of the stand-in's sets, relative to that of the project, and their share of occluded images.
+STAND_IN_SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
+SOURCES_PER_SET = 20
+
+
+@stage
+def main(config: Config) -> None:
+    """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
+    out = Path(config["out"])
+    (out / "images").mkdir(parents=True, exist_ok=True)
+    source = config["real"]["source"]
+    if source is None:
+        write_stand_in(config, out)
+    else:
+        copy_real(Path(source), out)
+    domain = "stand-in" if source is None else "real"
+    (out / "about.json").write_text(json.dumps({"domain": domain}) + "\n")
+    counts = {part: len(read_coco(out / f"{part}.json", out / "images")) for part in PARTS}
+    logger.info("%s images %s are in %s", domain, counts, out)
+
+
+PARTS = ("train", "test")
+
+
+def copy_real(source: Path, out: Path) -> None:
+    """Check the user's COCO files and copy them with the images that they name."""
+    for part in PARTS:
+        for image in read_coco(source / f"{part}.json", source / "images"):
+            target = out / "images" / image.path.name
+            if target.exists():
+                raise InputError(
+                    f"{source}: {image.path.name} is in train.json and in test.json; "
+                    "keep it in one of them"
+                )
+            shutil.copyfile(image.path, target)
+        shutil.copyfile(source / f"{part}.json", out / f"{part}.json")
+
+
+def write_stand_in(config: Config, out: Path) -> None:
+    """Render a domain that looks unlike the training images: other tissue, light, lens and air."""
+    sizes = size(config)
+    images = {"train": sizes.real, "clear": sizes.test_set, "occluded": sizes.test_set}
+    backgrounds = stand_in_backgrounds(config)
+    samples: dict[str, list[tuple[str, RealSample]]] = {}
+    for number, (name, (seed, hidden)) in enumerate(STAND_IN_SETS.items()):
+        chosen = backgrounds[number * SOURCES_PER_SET : (number + 1) * SOURCES_PER_SET]
+        rendered = RenderedSet(
+            settings=stand_in_settings(config, hidden),
+            backgrounds=dict(chosen),
+            seed=config["seed"] + seed,
+            images=images[name],
+            images_per_shard=sizes.images_per_shard,
+        )
+        folder = SCRATCH / "stand-in" / name
+        shutil.rmtree(folder, ignore_errors=True)
+        render_set(rendered, SCRATCH, folder, config["render"]["workers"])
+        samples[name] = [(f"{name}-{s[0]}.jpg", s[1]) for s in read_samples(folder)]
+    for name, sample in [pair for pairs in samples.values() for pair in pairs]:
+        write_jpeg(sample.rgb, out / "images" / name)
+    about = "stand-in for real endoscopic images, rendered; boxes only, no poses"
+    write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
+    test = samples["clear"] + samples["occluded"]
+    write_coco(out / "test.json", test, with_masks=True, description=about)
+
+
+def stand_in_backgrounds(config: Config) -> list[tuple[Path, str]]:
+    """Tissue of the stand-in's own look, in scratch: image file, id of its source."""
+    folder, side_px = SCRATCH / "stand-in" / "backgrounds", config["camera"]["size_px"]
+    seed = config["seed"] + STAND_IN_SETS["train"][0]
+    count = SOURCES_PER_SET * len(STAND_IN_SETS)
+    unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
+    sources = procedural_sources(count, seed, side_px, STAND_IN)
+    write_library(sources, folder, 1, unaltered, seed, side_px, count)
+    return list(by_path(read_library(folder)).items())
+
+
+def stand_in_settings(config: Config, hidden: float) -> RenderSettings:
+    """The stand-in's look; `hidden` is the share of images with occluders."""
+    look: dict[str, dict[str, Any]] = config["real"]["stand_in"]
+    scene = {**look["scene"], "occluder_probability": hidden}
+    return render_settings(config, scene=scene, lens=look["lens"])
+
+
+def read_samples(folder: Path) -> list[tuple[str, RealSample]]:
+    """Key and image with boxes and masks, of all images of a rendered set; no poses."""
+    shards = ShardedDataset(folder)
+    samples = []
+    for key in shards.keys:
+        sample = RealSample(
+            rgb=shards.rgb(key),
+            boxes=shards.annotations(key).boxes,
+            masks=tuple(shards.masks(key)),
+            occluded=bool(shards.facts(key)["occluders"]),
+        )
+        samples.append((key, sample))
+    return samples
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Reading, writing and cropping images: (H, W, 3) uint8 RGB in memory, JPEG or PNG on disk."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.errors import InputError
+
+Image = NDArray[np.uint8]
+
+
+def decode_rgb(data: bytes) -> Image | None:
+    """An encoded image, or None if it cannot be decoded."""
+    raw = np.frombuffer(data, dtype=np.uint8)
+    bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    return None if bgr is None else np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def read_rgb(path: Path) -> Image:
+    """The image in a file. Raises InputError naming the file if there is none."""
+    rgb = decode_rgb(path.read_bytes()) if path.is_file() else None
+    if rgb is None:
+        raise InputError(f"{path}: not a readable image; replace it by an intact PNG or JPEG file")
+    return rgb
+
+
+def encode_jpeg(rgb: Image, quality: int) -> bytes:
+    """The bytes of a JPEG file; the same for the same pixels and OpenCV version."""
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return data.tobytes()
+
+
+def write_jpeg(rgb: Image, path: Path, quality: int = 95) -> None:
+    """Write an image, making the folder if needed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(encode_jpeg(rgb, quality))
+
+
+def centre_square(image: Image, size_px: int) -> Image:
+    """The central square of an image (H, W, 3), resized to (size, size, 3)."""
+    height, width = image.shape[:2]
+    side = min(height, width)
+    top, left = (height - side) // 2, (width - side) // 2
+    square = image[top : top + side, left : left + side]
+    method = cv2.INTER_AREA if side > size_px else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=method), np.uint8)

@@ -1,0 +1,44 @@
+"""Silhouettes of estimated poses, rendered by Blender (paper, IV-B)."""
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.config import RenderSettings
+from shaftpose.geometry import ShaftPose
+from shaftpose.rendering.blender import Renderer
+
+
+class SilhouetteRenderer:
+    """Renders masks of shafts; only one may exist per process, as Blender has one open file."""
+
+    def __init__(self, settings: RenderSettings) -> None:
+        # The mask is exact at one sample: it comes from the object index, not from colours.
+        with blender_output_hidden():
+            self._renderer = Renderer(replace(settings, samples=1))
+
+    def __call__(self, poses: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
+        """A mask (H, W) for each of the poses (N, 5); nearer shafts hide farther ones."""
+        shafts: Sequence[ShaftPose] = [ShaftPose.from_array(pose) for pose in poses]
+        with blender_output_hidden():
+            index = self._renderer.silhouettes(shafts)
+        return [index == number + 1 for number in range(len(shafts))]
+
+
+@contextmanager
+def blender_output_hidden() -> Iterator[None]:
+    """Silence Blender, which writes its progress to the process's standard output."""
+    sys.stdout.flush()
+    original, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(original, 1)
+        os.close(original)
+        os.close(nowhere)
