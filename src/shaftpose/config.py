@@ -16,12 +16,18 @@ from shaftpose.errors import InputError
 
 T = TypeVar("T")
 
-_STRICT = ConfigDict(extra="forbid")
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] > pair[1]:
         raise ValueError(f"the lower end {pair[0]:g} is above the upper end {pair[1]:g}; swap them")
+    return pair
+
+
+def _spread(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise ValueError("the upper end must lie above the lower end: poses are normalised by it")
     return pair
 
 
@@ -37,6 +43,7 @@ def _fractions(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
 UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
 Count = Annotated[int, Field(ge=0)]
 PositiveInt = Annotated[int, Field(gt=0)]
@@ -60,11 +67,11 @@ class CameraSettings:
 class PoseRanges:
     """Ranges that poses are drawn from and normalised by (paper, Table of ranges)."""
 
-    x_mm: Range
-    y_mm: Range
-    z_mm: Range
-    pitch_deg: Range
-    yaw_deg: Range
+    x_mm: SpreadRange
+    y_mm: SpreadRange
+    z_mm: SpreadRange
+    pitch_deg: SpreadRange
+    yaw_deg: SpreadRange
 
     @property
     def low(self) -> tuple[float, ...]:
@@ -77,7 +84,7 @@ class PoseRanges:
         return tuple(pair[1] for pair in self._pairs)
 
     @property
-    def _pairs(self) -> tuple[Range, ...]:
+    def _pairs(self) -> tuple[SpreadRange, ...]:
         return self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg
 
 
@@ -237,6 +244,8 @@ def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:
     where: how the user finds the values, e.g. "params.yaml: loss"; it opens the message.
     Raises InputError naming the first key that is wrong, its value and what is allowed.
     """
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where} = {values!r}: must hold keys and values")
     try:
         return TypeAdapter(kind).validate_python(dict(values))
     except ValidationError as error:
@@ -246,6 +255,8 @@ def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:
 def _first_complaint(error: ValidationError, where: str) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "missing":
+        return f"{where}.{key} is missing; add it"
     message = first["msg"].removeprefix("Value error, ")
     return f"{where}.{key} = {first['input']!r}: {message}"
 
@@ -257,4 +268,8 @@ def to_json(settings: object) -> str:
 
 def from_json(kind: type[T], path: Path) -> T:
     """A settings object from a JSON file. Raises InputError naming the file."""
-    return parse(kind, json.loads(path.read_text()), str(path))
+    try:
+        values = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as JSON ({error}); write it again") from error
+    return parse(kind, values, str(path))

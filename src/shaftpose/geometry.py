@@ -39,7 +39,8 @@ class Camera:
         return self.focal_px * points_mm[..., :2] / points_mm[..., 2:] + centre
 
     def rays(self, stride: int = 1) -> Array:
-        """Directions (h, w, 3), with z = 1, through the centres of every `stride`-th pixel."""
+        """Directions (h, w, 3), with z = 1, through the centres of blocks of
+        `stride` x `stride` pixels."""
         u = np.arange(0, self.width, stride) + 0.5 * stride
         v = np.arange(0, self.height, stride) + 0.5 * stride
         x, y = np.meshgrid((u - self.cx) / self.focal_px, (v - self.cy) / self.focal_px)
@@ -99,7 +100,8 @@ def pose_from_rotation(rotation: Array, tip_mm: Array) -> ShaftPose:
     """The pose whose axis is the third column of `rotation` (3, 3); yaw in [0, 360) deg."""
     axis = rotation[:, 2]
     pitch = np.degrees(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
-    yaw = np.degrees(np.arctan2(axis[1], axis[0])) % 360.0
+    # Twice: the remainder of a tiny negative angle rounds to 360.
+    yaw = np.degrees(np.arctan2(axis[1], axis[0])) % 360.0 % 360.0
     x_mm, y_mm, z_mm = (float(value) for value in tip_mm)
     return ShaftPose(x_mm, y_mm, z_mm, float(pitch), float(yaw))
 

@@ -187,16 +187,18 @@ class ShardedDataset:
             self._index(path)
 
     def _index(self, path: Path) -> None:
-        if not _ends_as_written(path):
-            raise InputError(_damaged(path))
+        end = 0
         try:
             with tarfile.open(path, "r:") as tar:
                 for member in tar:
                     key, _, suffix = member.name.partition(".")
                     location = Location(path, member.offset_data, member.size)
                     self._members.setdefault(key, {})[suffix] = location
+                    end = member.offset_data + member.size
         except tarfile.TarError as error:
             raise InputError(_damaged(path)) from error
+        if not _ends_as_written(path, end):
+            raise InputError(_damaged(path))
 
     @property
     def keys(self) -> list[str]:
@@ -256,13 +258,14 @@ class ShardedDataset:
 _REMEDY = "delete the shard and run the render stage again"
 
 
-def _ends_as_written(path: Path) -> bool:
-    """Whether the archive ends with its two zero blocks: a truncated one does not, and tarfile
-    would pass over that in silence."""
+def _ends_as_written(path: Path, end: int) -> bool:
+    """Whether after `end`, the last member's, only the archive's zero blocks follow: tarfile stops
+    in silence where an archive is truncated or a header is damaged."""
     with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        file.seek(max(size - 2 * tarfile.BLOCKSIZE, 0))
-        return size % tarfile.RECORDSIZE == 0 and not any(file.read()) and size > 0
+        file.seek(end)
+        rest = file.read()
+    blocks = len(rest) // tarfile.BLOCKSIZE
+    return (end + len(rest)) % tarfile.RECORDSIZE == 0 and blocks >= 2 and not any(rest)
 
 
 def _damaged(path: Path) -> str:

@@ -41,11 +41,11 @@ def paper_loss(outputs: HeadOutputs, truth: Targets, pose_coder: PoseCoder) -> L
 def test_value_by_hand(pose_coder: PoseCoder) -> None:
     outputs = zero_outputs()
     outputs.box_offsets.data[0, 2] = torch.tensor([0.5, 2.0, 0.0, 0.0])
-    outputs.poses.data[0, :, 3] = 0.1  # pitch off by 0.1 on all boxes, of which 4 count
+    outputs.poses.data[0, :, 3] = 0.1  # pitch off by 0.1 on all boxes, of which 1 counts
     terms = paper_loss(outputs, targets(), pose_coder)
     confidence = 4 * math.log(2)  # one positive, three negatives, undecided logits
     box = 0.5 * 0.5**2 + (2.0 - 0.5)
-    pose = 1 * (5.0 * 1.0 - 0.5) + 4 * 2 * 0.5 * (5.0 * 0.1) ** 2  # x, then pitch
+    pose = 1 * (5.0 * 1.0 - 0.5) + 2 * 0.5 * (5.0 * 0.1) ** 2  # x, then pitch
     assert terms.matched.item() == 1
     assert terms.confidence.item() == pytest.approx(confidence)
     assert terms.box.item() == pytest.approx(box, rel=1e-5)

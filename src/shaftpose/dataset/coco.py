@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from shaftpose.errors import InputError
 from shaftpose.images import centre_square, read_rgb
 
-# Polygons lie on pixel edges; OpenCV fills in sixteenths of a pixel around centres.
+# OpenCV fills in sixteenths of a pixel around centres and adds the outline. On a grid three times
+# as fine, whose every third point is a pixel's centre, the outline does not reach the next one.
 _SUBPIXEL_BITS = 4
+_FINER = 3
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,13 @@ def read_coco(path: Path, images: Path) -> list[RealImage]:
     not there, and a box that leaves its image.
     """
     content = _read_json(path)
+    try:
+        return _images(content, images, path)
+    except KeyError as error:
+        raise InputError(f"{path}: an image or annotation lacks {error}; add it") from error
+
+
+def _images(content: dict[str, Any], images: Path, path: Path) -> list[RealImage]:
     by_image: dict[int, list[RealInstrument]] = {}
     sizes = {entry["id"]: entry for entry in content["images"]}
     for annotation in content["annotations"]:
@@ -118,6 +127,11 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     An instrument of whose box less than a fifth lies in the square is dropped.
     """
     rgb = read_rgb(image.path)
+    if rgb.shape[:2] != (image.height, image.width):
+        raise InputError(
+            f"{image.path}: has {rgb.shape[1]} x {rgb.shape[0]} px, its COCO entry says "
+            f"{image.width} x {image.height}; mend the entry"
+        )
     side = min(image.width, image.height)
     left, top = (image.width - side) // 2, (image.height - side) // 2
     scale = size_px / side
@@ -146,11 +160,11 @@ def _moved(
 
 def polygon_mask(polygons: tuple[NDArray[np.float64], ...], size_px: int) -> NDArray[np.bool_]:
     """(size, size) mask of polygons whose coordinates count from the image's upper left corner."""
-    mask = np.zeros((size_px, size_px), dtype=np.uint8)
+    mask = np.zeros((_FINER * size_px, _FINER * size_px), dtype=np.uint8)
     scale = 1 << _SUBPIXEL_BITS
-    points = [np.rint((polygon - 0.5) * scale).astype(np.int32) for polygon in polygons]
+    points = [np.rint((polygon * _FINER - 0.5) * scale).astype(np.int32) for polygon in polygons]
     cv2.fillPoly(mask, points, (1,), shift=_SUBPIXEL_BITS)
-    return mask.astype(bool)
+    return mask[_FINER // 2 :: _FINER, _FINER // 2 :: _FINER].astype(bool)
 
 
 def mask_polygons(mask: NDArray[np.bool_]) -> list[list[float]]:

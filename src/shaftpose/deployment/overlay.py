@@ -15,7 +15,7 @@ Colour = tuple[int, int, int]
 TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
 _TEXT_PX = 13
-_SHORTEST_VIEW_MM = 1.0  # the drawn axis ends before the camera's plane
+_SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
 
 
 def draw_boxes(image: Image, boxes: NDArray[np.float64], colour: Colour) -> Image:
@@ -52,9 +52,9 @@ def draw_poses(
 
 
 def pose_text(pose: NDArray[np.float64]) -> str:
-    """A pose (5,) as a line of text: mm, mm, mm, degrees, degrees."""
+    """A pose (5,) as a line of text: x, y, z in mm, pitch p and yaw w in deg."""
     x, y, z, pitch, yaw = (f"{value:.1f}" for value in pose)
-    return f"x {x} y {y} z {z} mm  p {pitch} w {yaw} deg"
+    return f"x {x} y {y} z {z}  p {pitch} w {yaw}"
 
 
 def label(image: Image, text: str) -> Image:
@@ -91,4 +91,4 @@ def _write(image: Image, text: str, origin: tuple[int, int], colour: Colour) -> 
     """Text with a dark rim, readable on any background."""
     font = cv2.FONT_HERSHEY_SIMPLEX
     for shade, thickness in (((0, 0, 0), 3), (colour, 1)):
-        cv2.putText(image, text, origin, font, 0.38, shade, thickness, cv2.LINE_AA)
+        cv2.putText(image, text, origin, font, 0.4, shade, thickness, cv2.LINE_AA)

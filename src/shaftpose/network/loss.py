@@ -101,13 +101,13 @@ class ShaftLoss(nn.Module):
     ) -> Tensor:
         """L_pose: the sum over p of beta_p smoothL1(gamma (pred_p - target_p)).
 
-        The target is 0 on hard negatives ("outputs are set to 0 if the instruments are not on that
-        location"). Images without a known pose are left out.
+        Over matched boxes of images whose poses are known. The paper also speaks of outputs "set
+        to 0 if the instruments are not on that location"; docs/conventions.md says why that is no
+        part of the loss.
         """
         poses = pose_coder.encode(gather_truth(targets.poses, assignment.truth))
-        target = torch.where(assignment.positive[..., None], poses, 0.0)
-        counts = (assignment.positive | assignment.negative) & targets.has_pose[:, None]
-        error = torch.where(counts[..., None], outputs.poses - target, 0.0)
+        counts = assignment.positive & targets.has_pose[:, None]
+        error = torch.where(counts[..., None], outputs.poses - poses, 0.0)
         return (self.beta * smooth_l1(self.gamma * error)).sum()
 
 

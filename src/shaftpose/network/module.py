@@ -54,7 +54,7 @@ class ShaftModule(LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Adam, its learning rate multiplied by `learning_rate_factor` at every step."""
-        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate)
+        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate, fused=True)
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, self.learning_rate_factor)
         return {
             "optimizer": optimizer,

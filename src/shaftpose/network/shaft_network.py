@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import torch
 from torch import Tensor, nn
 
 from shaftpose.network.default_boxes import BOXES_PER_CELL, default_boxes
@@ -39,4 +40,5 @@ class ShaftNetwork(nn.Module):
 
 def normalise_images(images: Tensor) -> Tensor:
     """(B, H, W, 3) uint8 RGB -> (B, 3, H, W) float in [-1, 1], channels last in memory."""
-    return images.permute(0, 3, 1, 2).float() / 127.5 - 1.0
+    pixels = images.permute(0, 3, 1, 2).float()
+    return torch.add(-1.0, pixels, alpha=1 / 127.5)

@@ -71,11 +71,11 @@ class Renderer:
         _add_camera(self._scene, settings.camera.view_deg)
         self._lamps = [_add_lamp(self._scene, side * _LAMP_X_MM) for side in (-1, 1)]
         self._glow = _add_room(self._scene)
-        self._tissue = TissueMaterial.create("tissue")
         self._mesh = shaft_mesh(settings.shaft.diameter_mm, settings.shaft.length_mm)
         self._data = _blender_mesh("shaft", self._mesh, smooth=True)
         self._shafts: list[Any] = []
         self._steels: list[SteelMaterial] = []
+        self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
         self._image: Any = None
         self._reader = PassReader()
@@ -102,7 +102,6 @@ class Renderer:
     def _show_background(self, path: Path, light: Light) -> None:
         image = bpy.data.images.load(str(path.resolve()))
         self._glow.apply(image, light.ambient)
-        self._tissue.apply(image, 1.0)
         # A changed image is never seen by Cycles' persistent data; a new one is.
         if self._image is not None:
             bpy.data.images.remove(self._image)
@@ -135,15 +134,18 @@ class Renderer:
             data = lump.data
             bpy.data.objects.remove(lump)
             bpy.data.meshes.remove(data)
-        self._occluders = [self._add_occluder(occluder) for occluder in occluders]
+        while len(self._tissues) < len(occluders):
+            self._tissues.append(TissueMaterial.create(f"tissue {len(self._tissues)}"))
+        pairs = zip(occluders, self._tissues, strict=False)
+        self._occluders = [self._add_occluder(occluder, tissue) for occluder, tissue in pairs]
 
-    def _add_occluder(self, occluder: Occluder) -> tuple[Any, Mesh]:
+    def _add_occluder(self, occluder: Occluder, tissue: TissueMaterial) -> tuple[Any, Mesh]:
         mesh = lump_mesh(occluder.radii_mm, occluder.shape_seed)
         lump = bpy.data.objects.new("lump", _blender_mesh("lump", mesh, smooth=True))
-        lump.data.materials[0] = self._tissue.material
+        lump.data.materials[0] = tissue.material
         lump.pass_index = _OCCLUDER_INDEX
         lump.matrix_world = _to_blender(_FLIP @ _occluder_matrix(occluder))
-        self._tissue.apply(self._image, occluder.tint)
+        tissue.apply(self._image, occluder.tint)
         self._scene.collection.objects.link(lump)
         return lump, mesh
 

@@ -138,7 +138,11 @@ class TissueMaterial:
         texture = tree.nodes.new("ShaderNodeTexImage")
         tint = tree.nodes.new("ShaderNodeHueSaturation")
         tree.links.new(texture.outputs["Color"], tint.inputs["Color"])
-        tree.links.new(tint.outputs["Color"], shader.inputs["Base Color"])
+        # The scope's light is strong enough for steel; tissue this near would be burnt out.
+        dark = tree.nodes.new("ShaderNodeHueSaturation")
+        dark.inputs["Value"].default_value = 0.1
+        tree.links.new(tint.outputs["Color"], dark.inputs["Color"])
+        tree.links.new(dark.outputs["Color"], shader.inputs["Base Color"])
         tree.links.new(tint.outputs["Color"], shader.inputs["Emission Color"])
         return cls(material, texture, tint, shader.inputs["Emission Strength"])
 

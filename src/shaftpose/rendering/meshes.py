@@ -61,8 +61,8 @@ def lump_mesh(radii_mm: tuple[float, float, float], shape_seed: int) -> Mesh:
          np.broadcast_to(np.cos(polar), (rows + 1, columns))], axis=-1)  # fmt: skip
     vertices = (unit * _unevenness(unit, shape_seed)[..., None] * np.array(radii_mm)).reshape(-1, 3)
     faces = [
-        (r * columns + c, r * columns + (c + 1) % columns,
-         (r + 1) * columns + (c + 1) % columns, (r + 1) * columns + c)
+        (r * columns + c, (r + 1) * columns + c,
+         (r + 1) * columns + (c + 1) % columns, r * columns + (c + 1) % columns)
         for r in range(rows) for c in range(columns)
     ]  # fmt: skip
     uv = unit.reshape(-1, 3)[np.array(faces).ravel(), :2] * 0.5 + 0.5

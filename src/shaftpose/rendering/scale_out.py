@@ -3,6 +3,7 @@
 import logging
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,11 @@ def _render(rendered: RenderedSet, shards: list[Shard], workers: int) -> None:
                 future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in processes:
-                process.terminate()
+            # A thread may be starting its next worker just now: repeat until none is left.
+            while not all(future.done() for future in futures):
+                for process in processes:
+                    process.terminate()
+                time.sleep(0.05)
             raise
 
 

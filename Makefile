@@ -1,0 +1,53 @@
+# `make help` lists what there is. Every target sets up what it needs.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+.DEFAULT_GOAL := help
+.PHONY: help env repro test lint format ui figures clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+env: $(READY)  ## create .venv with pinned dependencies, after checking system libraries
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) tools/check_system.py
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	$(BIN)/pip install --quiet -e '.[dev]' -c constraints.txt
+	touch $@
+
+repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print the ablation
+	dvc repro
+	@cat reports/ablation.md
+	@echo
+	@echo "report:   $(CURDIR)/reports/ablation.html"
+	@echo "tracking: $(CURDIR)/mlflow.db (make ui)"
+
+test: $(READY)  ## run all tests
+	pytest
+
+lint: $(READY)  ## check style, format and types
+	ruff check .
+	ruff format --check .
+	mypy
+
+format: $(READY)  ## mend style and format
+	ruff check --fix .
+	ruff format .
+
+ui: $(READY)  ## MLflow's pages at 127.0.0.1:5000
+	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
+
+figures: $(READY)  ## draw the README's pictures from data and reports that `make repro` made
+	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
+	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
+	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
+	cp reports/d_noise/figures/predictions.jpg docs/images/predictions.jpg
+
+clean:  ## remove interrupted renders and other scratch (finished outputs stay)
+	rm -rf data/scratch outputs

@@ -1,0 +1,120 @@
+"""The command line: `shaftpose predict` and `shaftpose show`."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from shaftpose.backgrounds.library import read_library
+from shaftpose.deployment.overlay import (
+    FOUND,
+    TRUTH,
+    contact_sheet,
+    draw_boxes,
+    draw_masks,
+    draw_poses,
+)
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera
+from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
+from shaftpose.instruments import POSE_DIMENSIONS, Detections
+from shaftpose.shards import ShardedDataset
+
+T = TypeVar("T")
+
+INPUT_PX = 299
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command; an InputError ends it with one line and status 1."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except InputError as error:
+        sys.exit(f"error: {error}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("shaftpose", description=__doc__)
+    commands = parser.add_subparsers(required=True)
+    _add_predict(commands.add_parser("predict", help="find shafts and their poses in images"))
+    _add_show(commands.add_parser("show", help="draw a contact sheet of a folder"))
+    return parser
+
+
+def _add_predict(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("images", nargs="+", type=Path, help="PNG or JPEG files")
+    parser.add_argument("--model", type=Path, required=True, help="model.onnx of a variant")
+    parser.add_argument("--confidence", type=float, default=0.5, help="least score (0.5)")
+    parser.add_argument("--draw", type=Path, help="folder for images with what was found")
+    parser.add_argument("--view-deg", type=float, default=95.0, help="view angle, for --draw (95)")
+    parser.set_defaults(run=predict)
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=("dataset", "backgrounds"))
+    parser.add_argument("folder", type=Path, help="a folder of shards, or of backgrounds")
+    parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
+    parser.add_argument("--count", type=int, default=20, help="number of images (20)")
+    parser.add_argument("--columns", type=int, default=5, help="images in a row (5)")
+    parser.add_argument("--view-deg", type=float, default=95.0, help="view angle (95)")
+    parser.set_defaults(run=show)
+
+
+def predict(options: argparse.Namespace) -> None:
+    """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
+    in mm and deg."""
+    predictor = Predictor(options.model)
+    for path in options.images:
+        image = centre_square(read_rgb(path), INPUT_PX)
+        found = predictor(image[None])[0].above(options.confidence)
+        print(json.dumps({"image": str(path), "instruments": as_rows(found)}))
+        if options.draw:
+            camera = Camera.from_field_of_view(INPUT_PX, INPUT_PX, options.view_deg)
+            drawn = draw_poses(draw_boxes(image, found.boxes, FOUND), found.poses, camera, FOUND)
+            write_jpeg(drawn, options.draw / f"{path.stem}.jpg")
+
+
+def as_rows(found: Detections) -> list[dict[str, object]]:
+    """Detections as plain values."""
+    return [
+        {
+            "score": round(float(score), 4),
+            "box": np.round(box, 1).tolist(),
+            **{name: round(float(v), 2) for name, v in zip(POSE_DIMENSIONS, pose, strict=True)},
+        }
+        for box, score, pose in zip(found.boxes, found.scores, found.poses, strict=True)
+    ]
+
+
+def show(options: argparse.Namespace) -> None:
+    """Write a contact sheet of evenly spread images of a dataset or of backgrounds."""
+    if options.what == "backgrounds":
+        library = read_library(options.folder)
+        chosen = [read_rgb(background.path) for background in _spread(library, options.count)]
+    else:
+        shards = ShardedDataset(options.folder)
+        chosen = [
+            draw_sample(shards, key, options.view_deg)
+            for key in _spread(shards.keys, options.count)
+        ]
+    write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
+    print(f"{len(chosen)} images are drawn in {options.out}")
+
+
+def _spread(items: Sequence[T], count: int) -> list[T]:
+    count = min(count, len(items))
+    return [items[n * len(items) // count] for n in range(count)]
+
+
+def draw_sample(shards: ShardedDataset, key: str, view_deg: float) -> Image:
+    """An image of a dataset with its boxes, mask outlines, axes and poses."""
+    image, known = shards.rgb(key), shards.annotations(key)
+    camera = Camera.from_field_of_view(image.shape[1], image.shape[0], view_deg)
+    drawn = draw_boxes(draw_masks(image, shards.masks(key), FOUND), known.boxes, TRUTH)
+    return drawn if known.poses is None else draw_poses(drawn, known.poses, camera, TRUTH)

@@ -1,0 +1,234 @@
+"""The stream of training images and its batches."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from shaftpose.batches import Batch
+from shaftpose.dataset.coco import RealImage, RealInstrument
+from shaftpose.dataset.training_data import (
+    Images,
+    LabelledImage,
+    RealImages,
+    RenderedImages,
+    TrainingData,
+    TrainingStream,
+    pad_batch,
+)
+from shaftpose.dataset.transforms import UniformNoise
+from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.images import write_jpeg
+from shaftpose.instruments import Annotations
+from shaftpose.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
+
+SIZE = 32
+BOX = [4.0, 8.0, 16.0, 24.0]
+POSE = [1.0, -2.0, 20.0, 70.0, 123.0]
+
+
+class Numbered(Images):
+    """Image n is filled with the level `first` + n."""
+
+    def __init__(self, first: int, count: int, has_pose: bool) -> None:
+        self.first, self.count, self.has_pose = first, count, has_pose
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        rgb = np.full((SIZE, SIZE, 3), self.first + index, dtype=np.uint8)
+        poses = np.array([POSE]) if self.has_pose else None
+        return rgb, Annotations(np.array([BOX]), poses)
+
+
+RENDERED = Numbered(0, 30, has_pose=True)
+REAL = Numbered(100, 7, has_pose=False)
+
+
+def stream(length: int = 110, real_share: float = 2 / 11, seed: int = 5) -> TrainingStream:
+    return TrainingStream(RENDERED, REAL, real_share, (), length, seed)
+
+
+def levels(items: TrainingStream, numbers: Sequence[int] | None = None) -> list[int]:
+    """Which image each item is."""
+    return [int(items[n][0][0, 0, 0]) for n in (numbers or range(len(items)))]
+
+
+def is_real(items: TrainingStream) -> list[bool]:
+    return [items[n][1].poses is None for n in range(len(items))]
+
+
+def test_real_and_rendered_images_are_mixed_two_to_nine() -> None:
+    real = is_real(stream(110))
+    # 110 * 2 / 11 = 20 real and 90 rendered, spread evenly: two in each 11.
+    assert sum(real) == 20
+    assert [sum(real[n : n + 11]) for n in range(0, 110, 11)] == [2] * 10
+
+
+def test_the_share_of_the_configuration_is_two_to_nine_in_the_long_run() -> None:
+    # conf/variant/d_noise_real.yaml rounds 2 / 11 to 0.181818: of 11,000 items 1999.998 are real.
+    real = is_real(stream(11_000, real_share=0.181818))
+    assert sum(real) in (1999, 2000)
+
+
+def test_without_a_share_or_real_images_all_are_rendered() -> None:
+    assert not any(is_real(stream(60, real_share=0.0)))
+    assert not any(is_real(replace(stream(60), real=None, real_share=0.0)))
+    assert all(is_real(stream(20, real_share=1.0)))
+
+
+def test_each_rendered_image_is_seen_once_a_turn() -> None:
+    rendered = [level for level in levels(stream(110)) if level < 100]
+    assert len(rendered) == 90
+    turns = [rendered[n : n + 30] for n in (0, 30, 60)]
+    assert all(sorted(turn) == list(range(30)) for turn in turns)
+    # Each time in a new order, and not that of the files.
+    assert len({tuple(turn) for turn in turns} | {tuple(range(30))}) == 4
+
+
+def test_each_real_image_is_seen_once_a_turn() -> None:
+    real = [level for level in levels(stream(110)) if level >= 100]
+    assert sorted(real[:7]) == sorted(real[7:14]) == list(range(100, 107))
+    assert real[:7] != real[7:14]
+
+
+def test_the_seed_decides_the_order() -> None:
+    assert levels(stream(40)) == levels(stream(40))
+    assert levels(stream(40, seed=6)) != levels(stream(40))
+
+
+def noisy_stream() -> TrainingStream:
+    return replace(stream(110), transforms=(UniformNoise(10, probability=1.0),))
+
+
+def test_item_n_does_not_depend_on_what_came_before() -> None:
+    items = noisy_stream()
+    forwards = [items[n][0] for n in range(110)]
+    fresh = noisy_stream()
+    for n in np.random.default_rng(0).permutation(110).tolist():
+        np.testing.assert_array_equal(fresh[n][0], forwards[n])
+    # A longer run begins with the same items.
+    np.testing.assert_array_equal(replace(items, length=500)[109][0], forwards[109])
+
+
+def test_each_item_has_noise_of_its_own() -> None:
+    items = noisy_stream()
+    plain = levels(stream(110))
+    noise = [items[n][0].astype(int) - plain[n] for n in range(20) if plain[n] >= 10]
+    assert all(np.any(one != noise[0]) for one in noise[1:])
+
+
+def test_transforms_are_applied_in_turn() -> None:
+    def add_one(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return rgb + np.uint8(1)
+
+    def double(rgb: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return rgb * np.uint8(2)
+
+    changed = levels(replace(stream(30), transforms=(add_one, double)))
+    assert changed == [(level + 1) * 2 for level in levels(stream(30))]
+
+
+def labelled(boxes: list[list[float]], with_poses: bool = True) -> LabelledImage:
+    poses = np.array([POSE] * len(boxes)).reshape(-1, 5) if with_poses else None
+    annotations = Annotations(np.array(boxes, dtype=float).reshape(-1, 4), poses)
+    return np.full((SIZE, SIZE, 3), len(boxes), dtype=np.uint8), annotations
+
+
+def test_a_batch_is_padded() -> None:
+    batch = pad_batch([labelled([BOX]), labelled([BOX, [0, 0, 32, 32]], False), labelled([])])
+    images, targets = batch
+    assert (images.shape, images.dtype) == ((3, SIZE, SIZE, 3), torch.uint8)
+    assert images[:, 0, 0, 0].tolist() == [1, 2, 0]
+    # Boxes in units of the side, 32: 4, 8, 16, 24 -> 1/8, 1/4, 1/2, 3/4.
+    unit, none = [0.125, 0.25, 0.5, 0.75], [0.0] * 4
+    assert targets.boxes.tolist() == [[unit, none], [unit, [0, 0, 1, 1]], [none, none]]
+    assert targets.boxes.dtype == torch.float32
+    assert targets.poses.tolist() == [[POSE, [0] * 5], [[0] * 5] * 2, [[0] * 5] * 2]
+    assert targets.valid.tolist() == [[True, False], [True, True], [False, False]]
+    # An image without an instrument has all its poses: none.
+    assert targets.has_pose.tolist() == [True, False, True]
+    assert (targets.valid.dtype, targets.has_pose.dtype) == (torch.bool, torch.bool)
+
+
+def test_a_batch_without_instruments_has_one_empty_place() -> None:
+    targets = pad_batch([labelled([]), labelled([])]).targets
+    assert targets.boxes.shape == (2, 1, 4)
+    assert targets.poses.shape == (2, 1, 5)
+    assert not targets.valid.any()
+
+
+def write_shard(folder: Path, count: int) -> ShardedDataset:
+    """Image n is of level 10 n and has one shaft at x = n mm; image 0 has none."""
+    mask = np.zeros((SIZE, SIZE), dtype=bool)
+    mask[8:24, 4:16] = True
+    with ShardWriter(folder / "shard-000000.tar", 95) as writer:
+        for n in range(count):
+            pose = ShaftPose(float(n), -2.0, 20.0, 70.0, 123.0)
+            shaft = Instrument(pose, mask, mask_box(mask), mask_box(mask), 1.0, 192, 192)
+            rgb = np.full((SIZE, SIZE, 3), 10 * n, dtype=np.uint8)
+            camera = Camera.from_field_of_view(SIZE, SIZE, 95.0)
+            writer.write(Sample(sample_key(n), rgb, (shaft,) if n else (), camera, {}))
+    return ShardedDataset(folder)
+
+
+def real_images(folder: Path) -> RealImages:
+    path = folder / "real.jpg"
+    write_jpeg(np.full((SIZE, 48, 3), 200, dtype=np.uint8), path)
+    # 48 x 32: the square starts at column 8.
+    shaft = RealInstrument((12.0, 8.0, 24.0, 24.0), (), occluded=False)
+    return RealImages([RealImage(path, 48, SIZE, (shaft,))], SIZE)
+
+
+def test_rendered_images_are_the_chosen_ones(tmp_path: Path) -> None:
+    images = RenderedImages(write_shard(tmp_path, 4), [sample_key(3), sample_key(0)])
+    assert len(images) == 2
+    rgb, annotations = images[0]
+    assert abs(int(rgb[0, 0, 0]) - 30) <= 1
+    assert annotations.boxes.tolist() == [BOX]
+    assert annotations.poses is not None
+    assert annotations.poses.tolist() == [[3, -2, 20, 70, 123]]
+    assert images[1][1].boxes.shape == (0, 4)
+
+
+def test_real_images_have_boxes_and_no_poses(tmp_path: Path) -> None:
+    images = real_images(tmp_path)
+    rgb, annotations = images[0]
+    assert (len(images), rgb.shape) == (1, (SIZE, SIZE, 3))
+    assert annotations.boxes.tolist() == [BOX]
+    assert annotations.poses is None
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> TrainingData:
+    shards = write_shard(tmp_path, 6)
+    training = RenderedImages(shards, shards.keys[:4])
+    items = TrainingStream(training, real_images(tmp_path), 0.25, (), length=8, seed=1)
+    validation = RenderedImages(shards, shards.keys[4:])
+    return TrainingData(items, validation, batch_size=4, loader_workers=0)
+
+
+def test_training_batches_come_in_the_order_of_the_stream(data: TrainingData) -> None:
+    batches = list(data.train_dataloader())
+    assert len(batches) == 2
+    for batch in batches:
+        assert isinstance(batch, Batch)
+        assert (batch.images.shape, batch.images.dtype) == ((4, SIZE, SIZE, 3), torch.uint8)
+        # A quarter of the items is real: the fourth of each four.
+        assert batch.targets.has_pose.tolist() == [True, True, True, False]
+    # Items 0, 1, 2, 4 are the first turn of the rendered images: x = n mm, or none in image 0.
+    rendered = [(int(image[0, 0, 0]) + 5) // 10 for batch in batches for image in batch.images[:3]]
+    assert sorted(rendered[:4]) == [0, 1, 2, 3]
+    again = list(data.train_dataloader())
+    assert all(torch.equal(a.images, b.images) for a, b in zip(batches, again, strict=True))
+
+
+def test_validation_batches_are_the_images_in_order(data: TrainingData) -> None:
+    (batch,) = data.val_dataloader()
+    assert batch.targets.poses[:, 0, 0].tolist() == [4, 5]
+    assert batch.targets.has_pose.all()
+    assert batch.targets.boxes[0, 0].tolist() == [0.125, 0.25, 0.5, 0.75]

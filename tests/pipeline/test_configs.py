@@ -1,0 +1,63 @@
+"""Every combination of configuration files composes and builds what it names."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import OmegaConf
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+import networks  # noqa: E402
+import settings  # noqa: E402
+from stage import Config  # noqa: E402
+
+VARIANTS = sorted(path.stem for path in (ROOT / "conf/variant").glob("*.yaml"))
+PROFILES = sorted(yaml.safe_load((ROOT / "conf/profiles.yaml").read_text()))
+
+
+def composed(*overrides: str) -> Config:
+    search = f"hydra.searchpath=[file://{ROOT}]"
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        config = compose("config", [search, "out=here", *overrides])
+    values = OmegaConf.to_container(config, resolve=True)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("profile", PROFILES)
+def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
+    config = composed(f"variant={variant}", f"profile={profile}")
+    assert networks.variant(config).name == variant
+    assert settings.size(config).steps > settings.size(config).warmup_steps
+    assert settings.render_settings(config).samples == config["size"]["samples"]
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
+    network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))
+    assert network.backbone.width == 0.0625
+
+
+@pytest.mark.parametrize("trainer", ["auto", "cpu"])
+def test_trainers_compose(trainer: str) -> None:
+    assert composed(f"trainer={trainer}")["trainer"]["accelerator"] == trainer
+
+
+@pytest.mark.parametrize("launcher", ["workstation", "slurm"])
+def test_launchers_compose(launcher: str) -> None:
+    search = f"hydra.searchpath=[file://{ROOT}]"
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        config = compose("config", [search, f"hydra/launcher={launcher}"], return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+    expected = {"workstation": "joblib", "slurm": "submitit"}[launcher]
+    assert expected in config.hydra.launcher._target_.lower()
+
+
+def test_real_share_is_two_to_nine() -> None:
+    assert networks.variant(composed("variant=d_noise_real")).real_share == pytest.approx(2 / 11)

@@ -1,0 +1,101 @@
+"""The whole pipeline, small: every stage real, from nothing to the report."""
+
+import json
+import re
+from pathlib import Path
+
+import mlflow
+import pytest
+
+from tests.pipeline.conftest import Run, replace_in
+
+VARIANTS = ("c", "d", "d_noise", "d_noise_real")
+
+
+@pytest.fixture(scope="module")
+def finished(clone: Path, run: Run) -> Path:
+    result = run("dvc", "repro")
+    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
+    return clone
+
+
+def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
+    report = json.loads((finished / "reports/ablation.json").read_text())
+    assert [row["variant"] for row in report["variants"]] == list(VARIANTS)
+    assert report["constant"]["x_mm"] > 0
+    for row in report["variants"]:
+        assert row["test_images"] == 6
+        assert row["steps"] == 6
+    text = (finished / "reports/ablation.md").read_text()
+    assert "stand-in" in text
+    assert "0.949" in text  # the paper's mAP of D stands beside ours
+
+
+def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
+    from shaftpose.dataset.split import read_keys
+    from shaftpose.shards import ShardedDataset
+
+    shards = ShardedDataset(finished / "data/render/images")
+    keys = {
+        part: read_keys(finished / "data/split", part) for part in ("train", "validation", "test")
+    }
+    sources = {part: {shards.facts(key)["source"] for key in found} for part, found in keys.items()}
+    assert len(keys["test"]) == 6
+    assert len(keys["train"]) + len(keys["validation"]) == 54
+    assert not sources["test"] & (sources["train"] | sources["validation"])
+    assert not sources["train"] & sources["validation"]
+
+
+def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None:
+    mlflow.set_tracking_uri(f"sqlite:///{finished / 'mlflow.db'}")
+    runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    assert sorted(run.info.run_name for run in runs) == sorted(VARIANTS)
+    for run in runs:
+        assert run.data.params["loss.alpha"] == "1.5"
+        assert re.fullmatch(r"[0-9a-f]{32}(\.dir)?", run.data.tags["dataset.data/render"])
+        assert {"mAP", "training/loss", "rendered/clear/iou"} <= run.data.metrics.keys()
+        assert any(name.startswith("system/") for name in run.data.metrics)
+    champion = mlflow.MlflowClient().get_model_version_by_alias("shaftpose", "champion")
+    model = mlflow.onnx.load_model(f"models:/shaftpose/{champion.version}")
+    assert [output.name for output in model.graph.output] == ["boxes", "scores", "poses"]
+
+
+def test_second_run_does_nothing(finished: Path, run: Run) -> None:
+    result = run("dvc", "repro")
+    assert "Running stage" not in result.stdout
+    assert "up to date" in result.stdout
+
+
+def test_changed_alpha_trains_again_but_does_not_render(finished: Path, run: Run) -> None:
+    shards = sorted((finished / "data/render").rglob("*.tar"))
+    before = [shard.stat().st_mtime_ns for shard in shards]
+    replace_in(finished / "params.yaml", "alpha: 1.5", "alpha: 0.5")
+    result = run("dvc", "repro", "train@c")
+    replace_in(finished / "params.yaml", "alpha: 0.5", "alpha: 1.5")
+    assert "Running stage 'train@c'" in result.stdout
+    assert "Running stage 'render'" not in result.stdout
+    assert [shard.stat().st_mtime_ns for shard in shards] == before
+
+
+def test_changed_variant_runs_alone(finished: Path, run: Run) -> None:
+    replace_in(finished / "conf/variant/d_noise.yaml", "noise: 10", "noise: 5")
+    result = run("dvc", "repro", "--dry")
+    replace_in(finished / "conf/variant/d_noise.yaml", "noise: 5", "noise: 10")
+    stages = re.findall(r"Running stage '([^']+)'", result.stdout)
+    assert "train@d_noise" in stages
+    assert {stage for stage in stages if "@" in stage} == {
+        f"{stage}@d_noise" for stage in ("train", "export", "evaluate", "evaluate_real")
+    }
+    assert not {"backgrounds", "render", "split", "real_images"} & set(stages)
+
+
+def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run) -> None:
+    result = run("python", "pipelines/train.py", "-m", "variant=c", "loss.alpha=0.5,2.0")
+    assert result.returncode == 0, result.stderr[-3000:]
+    mlflow.set_tracking_uri(f"sqlite:///{finished / 'mlflow.db'}")
+    runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    parents = [run for run in runs if "shaftpose.sweep" in run.data.tags]
+    assert len(parents) == 1
+    children = [r for r in runs if r.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
+    assert sorted(child.data.params["loss.alpha"] for child in children) == ["0.5", "2.0"]
+    assert run("dvc", "status", "train@c").stdout.strip() == ("Data and pipelines are up to date.")

@@ -1,0 +1,297 @@
+"""What Blender renders, against exact geometry, Blender's own files and itself."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+from blender_process import run_python
+from numpy.typing import NDArray
+
+from shaftpose.config import RenderSettings
+from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.images import read_rgb
+from shaftpose.rendering.poses import PoseSampler
+from shaftpose.rendering.scene import Scene
+from shaftpose.shards import Sample, encode_sample
+
+if TYPE_CHECKING:
+    from shaftpose.rendering.blender import Foreground, Region, Renderer
+    from shaftpose.rendering.generator import Generator
+
+SEED = 11
+JPEG_QUALITY = 95
+LEFT_TO_RIGHT = ShaftPose(-12.0, 0.0, 20.0, 90.0, 0.0)
+TOP_TO_BOTTOM_BEHIND = ShaftPose(0.0, -14.0, 30.0, 90.0, 90.0)
+
+ONE_IMAGE_ALONE = """
+from shaftpose.rendering.generator import Generator
+from shaftpose.shards import encode_sample
+sources = {Path(path): source for path, source in backgrounds}
+sample = Generator(settings, sources, seed).sample(index)
+Path("image.rgb").write_bytes(sample.rgb.tobytes())
+for suffix, data in encode_sample(sample, quality).items():
+    Path(f"sample.{suffix}").write_bytes(data)
+"""
+
+
+@pytest.fixture(scope="session")
+def renderer(generator: "Generator") -> "Renderer":
+    return generator._renderer
+
+
+def first_scene(generator: "Generator", index: int) -> Scene:
+    return next(generator._sampler.candidates(index))
+
+
+def cylinder_mask(camera: Camera, pose: ShaftPose, settings: RenderSettings) -> NDArray[np.bool_]:
+    shaft = settings.shaft
+    return np.isfinite(cylinder_depth(camera, pose, shaft.diameter_mm, shaft.length_mm))
+
+
+def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def extent(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+    """x0, y0, x1, y1 by the coordinates of the pixels."""
+    rows, columns = np.nonzero(mask)
+    return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
+
+
+def is_occluded(sample: Sample) -> bool:
+    return bool(sample.facts["occluders"])
+
+
+def assert_same(a: Sample, b: Sample) -> None:
+    np.testing.assert_array_equal(a.rgb, b.rgb)
+    assert encode_sample(a, JPEG_QUALITY) == encode_sample(b, JPEG_QUALITY)
+
+
+def assert_foregrounds_equal(a: "Foreground", b: "Foreground") -> None:
+    assert a.region == b.region
+    np.testing.assert_array_equal(a.linear, b.linear)
+    np.testing.assert_array_equal(a.index, b.index)
+
+
+def test_mask_equals_the_exact_cylinder(
+    renderer: "Renderer", camera: Camera, settings: RenderSettings
+) -> None:
+    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
+    rng = np.random.default_rng(21)
+    for pose in [draw(rng).poses[0] for _ in range(15)]:
+        mask = renderer.silhouettes([pose]) == 1
+        assert iou(mask, cylinder_mask(camera, pose, settings)) >= 0.99, pose
+
+
+def test_mask_of_a_shaft_that_runs_on_behind_the_camera(
+    renderer: "Renderer", camera: Camera, settings: RenderSettings
+) -> None:
+    pose = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
+    assert (pose.tip_mm + settings.shaft.length_mm * pose.direction)[2] < -50
+    mask = renderer.silhouettes([pose]) == 1
+    assert iou(mask, cylinder_mask(camera, pose, settings)) >= 0.99
+
+
+def test_the_nearer_shaft_hides_the_farther(
+    renderer: "Renderer", camera: Camera, settings: RenderSettings
+) -> None:
+    near = cylinder_mask(camera, LEFT_TO_RIGHT, settings)
+    far = cylinder_mask(camera, TOP_TO_BOTTOM_BEHIND, settings)
+    assert (near & far).sum() > 50
+    poses = [LEFT_TO_RIGHT, TOP_TO_BOTTOM_BEHIND]
+    for order in (poses, poses[::-1]):
+        index = renderer.silhouettes(order)
+        assert iou(index == order.index(LEFT_TO_RIGHT) + 1, near) >= 0.99
+        assert iou(index == order.index(TOP_TO_BOTTOM_BEHIND) + 1, far & ~near) >= 0.99
+
+
+def test_a_shaft_out_of_view_leaves_no_pixel(renderer: "Renderer") -> None:
+    assert not renderer.silhouettes([ShaftPose(200.0, 0.0, 20.0, 90.0, 0.0)]).any()
+    assert not renderer.silhouettes([]).any()
+
+
+def test_samples_cover_what_these_tests_need(samples: list[Sample]) -> None:
+    assert {len(sample.instruments) for sample in samples} == {1, 2}
+    assert {is_occluded(sample) for sample in samples} == {False, True}
+
+
+def test_boxes_equal_the_extents_of_the_masks(
+    samples: list[Sample], camera: Camera, settings: RenderSettings
+) -> None:
+    for sample in samples:
+        for instrument in sample.instruments:
+            amodal = cylinder_mask(camera, instrument.pose, settings) | instrument.mask
+            assert instrument.box == extent(instrument.mask)
+            assert instrument.amodal_box == extent(amodal)
+            assert instrument.visible_px == instrument.mask.sum()
+            assert instrument.amodal_px == amodal.sum()
+            assert instrument.visible_fraction == pytest.approx(
+                instrument.mask.sum() / amodal.sum()
+            )
+            assert instrument.visible_px >= settings.scene.min_visible_px
+
+
+def test_masks_of_unhidden_shafts_equal_the_exact_cylinder(
+    samples: list[Sample], camera: Camera, settings: RenderSettings
+) -> None:
+    singles = [s for s in samples if len(s.instruments) == 1 and not is_occluded(s)]
+    assert singles
+    for (instrument,) in (sample.instruments for sample in singles):
+        cylinder = cylinder_mask(camera, instrument.pose, settings)
+        assert iou(instrument.mask, cylinder) >= 0.99
+        assert instrument.visible_fraction > 0.99
+
+
+def test_tissue_hides_a_part_of_the_shafts(
+    samples: list[Sample], camera: Camera, settings: RenderSettings
+) -> None:
+    hidden = [i for sample in samples if is_occluded(sample) for i in sample.instruments]
+    assert min(instrument.visible_fraction for instrument in hidden) < 0.9
+    for instrument in hidden:
+        cylinder = cylinder_mask(camera, instrument.pose, settings)
+        # But for single pixels of the edge the visible mask lies inside the whole silhouette.
+        assert (instrument.mask & ~cylinder).sum() <= 0.01 * cylinder.sum()
+        x0, y0, x1, y1 = instrument.amodal_box
+        assert x0 <= instrument.box[0] < instrument.box[2] <= x1
+        assert y0 <= instrument.box[1] < instrument.box[3] <= y1
+
+
+def test_masks_of_one_image_are_disjoint(samples: list[Sample]) -> None:
+    for masks in ([i.mask for i in s.instruments] for s in samples if len(s.instruments) == 2):
+        assert not (masks[0] & masks[1]).any()
+
+
+def test_background_stays_byte_equal_around_the_shafts(
+    samples: list[Sample], backgrounds: Mapping[Path, str]
+) -> None:
+    files = {path.name: path for path in backgrounds}
+    for sample in (sample for sample in samples if not is_occluded(sample)):
+        background = read_rgb(files[sample.facts["background"]])
+        mask = np.any([instrument.mask for instrument in sample.instruments], axis=0)
+        # The pixel filter reaches 0.75 px to each side.
+        touched = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        differs = np.any(sample.rgb != background, axis=-1)
+        assert not differs[~touched].any()
+        assert differs[mask].mean() > 0.9
+
+
+def test_an_image_does_not_depend_on_those_before_it(
+    generator: "Generator", samples: list[Sample]
+) -> None:
+    for index in (7, 3, 4):
+        assert_same(generator.sample(index), samples[index])
+
+
+@pytest.mark.parametrize("occluded", [False, True])
+def test_an_image_is_the_same_alone_in_a_process(
+    samples: list[Sample],
+    occluded_settings: RenderSettings,
+    backgrounds: Mapping[Path, str],
+    tmp_path: Path,
+    occluded: bool,
+) -> None:
+    # The last of its kind: it has the most images before it.
+    sample = [sample for sample in samples if is_occluded(sample) == occluded][-1]
+    run_python(
+        ONE_IMAGE_ALONE,
+        tmp_path,
+        occluded_settings,
+        backgrounds=[(str(path), source) for path, source in backgrounds.items()],
+        seed=SEED,
+        index=sample.facts["index"],
+        quality=JPEG_QUALITY,
+    )
+    assert (tmp_path / "image.rgb").read_bytes() == sample.rgb.tobytes()
+    for suffix, data in encode_sample(sample, JPEG_QUALITY).items():
+        assert (tmp_path / f"sample.{suffix}").read_bytes() == data, suffix
+
+
+def test_rendering_twice_gives_the_same_bits(generator: "Generator", renderer: "Renderer") -> None:
+    scene = first_scene(generator, 0)
+    first, again = renderer.render(scene), renderer.render(scene)
+    assert first is not None
+    assert again is not None
+    assert_foregrounds_equal(first, again)
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 3])
+def test_the_rendered_region_equals_a_full_frame(
+    generator: "Generator",
+    renderer: "Renderer",
+    camera: Camera,
+    monkeypatch: pytest.MonkeyPatch,
+    index: int,
+) -> None:
+    scene = first_scene(generator, index)
+    part = renderer.render(scene)
+    assert part is not None
+    full = render_full_frame(renderer, scene, camera, monkeypatch)
+    assert full.linear.shape == (camera.height, camera.width, 4)
+    assert part.linear.shape[:2] != full.linear.shape[:2]
+    np.testing.assert_array_equal(part.linear, full.linear[part.region.slices])
+    np.testing.assert_array_equal(part.index, full.index[part.region.slices])
+    outside = full.linear.copy()
+    outside[part.region.slices] = 0
+    assert not outside.any()
+
+
+def render_full_frame(
+    renderer: "Renderer", scene: Scene, camera: Camera, monkeypatch: pytest.MonkeyPatch
+) -> "Foreground":
+    from shaftpose.rendering.blender import Region
+
+    def everything(poses: object) -> "Region":
+        return Region(0, 0, camera.width, camera.height)
+
+    monkeypatch.setattr(renderer, "_region", everything)
+    full = renderer.render(scene)
+    assert full is not None
+    return full
+
+
+def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer") -> None:
+    scenes = (first_scene(generator, index) for index in range(50))
+    scene = next(scene for scene in scenes if len(scene.occluders) == 2)
+
+    def seen(*tints: float) -> NDArray[np.float32]:
+        pairs = zip(scene.occluders, tints, strict=True)
+        occluders = tuple(replace(occluder, tint=tint) for occluder, tint in pairs)
+        foreground = renderer.render(replace(scene, occluders=occluders))
+        assert foreground is not None
+        return foreground.linear
+
+    both = seen(1.0, 1.0)
+    for first, second in ((0.5, 1.0), (1.0, 0.5)):
+        assert seen(first, second)[..., :3].sum() < 0.99 * both[..., :3].sum()
+
+
+def test_passes_in_memory_equal_the_file_that_blender_writes(
+    generator: "Generator", renderer: "Renderer", tmp_path: Path
+) -> None:
+    foreground = renderer.render(first_scene(generator, 1))
+    assert foreground is not None
+    height, width = foreground.linear.shape[:2]
+    written = render_to_exr(tmp_path / "combined.exr", height, width)
+    assert foreground.linear[..., 3].max() == 1.0
+    # 32-bit EXR: equal to the last bit.
+    np.testing.assert_array_equal(foreground.linear, written)
+
+
+def render_to_exr(path: Path, height: int, width: int) -> NDArray[np.float32]:
+    """Render the scene as it stands to a 32-bit EXR file; its pixels, top row first."""
+    import bpy
+
+    render = bpy.context.scene.render
+    form: Any = render.image_settings
+    form.file_format, form.color_mode, form.color_depth = "OPEN_EXR", "RGBA", "32"
+    render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(height * width * 4, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    return pixels.reshape(height, width, 4)[::-1]

@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shaftpose.config import RenderSettings
+from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box, shaft_mesh
+from shaftpose.rendering.poses import PoseSampler
+
+DIAMETER_MM, LENGTH_MM = 3.0, 150.0
+# Runs beside the camera and on behind it: 60 % of it lies behind the image plane.
+BESIDE_CAMERA = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
+
+
+def in_camera(points: NDArray[np.float64], pose: ShaftPose) -> NDArray[np.float64]:
+    return points @ pose.rotation.T + pose.tip_mm
+
+
+def surface_points() -> NDArray[np.float64]:
+    """Dense points of a true cylinder's side, rims included, in the shaft frame."""
+    angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    along = np.linspace(0, LENGTH_MM, 6001)
+    ring = DIAMETER_MM / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    grid = np.empty((len(along), len(angles), 3))
+    grid[..., :2], grid[..., 2] = ring, along[:, None]
+    return grid.reshape(-1, 3)
+
+
+def brute_force_box(
+    camera: Camera, points: NDArray[np.float64], near_mm: float
+) -> NDArray[np.float64]:
+    front = points[points[:, 2] >= near_mm]
+    u = camera.focal_px * front[:, 0] / front[:, 2] + camera.cx
+    v = camera.focal_px * front[:, 1] / front[:, 2] + camera.cy
+    u, v = np.clip(u, 0, camera.width), np.clip(v, 0, camera.height)
+    return np.array([u.min(), v.min(), u.max(), v.max()])
+
+
+def shaft_box(camera: Camera, pose: ShaftPose) -> NDArray[np.float64] | None:
+    mesh = shaft_mesh(DIAMETER_MM, LENGTH_MM)
+    return projected_box(camera, in_camera(mesh.vertices, pose), mesh.edges)
+
+
+@pytest.fixture(scope="module")
+def poses(camera: Camera, settings: RenderSettings) -> list[ShaftPose]:
+    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
+    rng = np.random.default_rng(9)
+    return [draw(rng).poses[0] for _ in range(10)]
+
+
+def test_shaft_has_its_size_and_its_tip_at_the_origin() -> None:
+    vertices = shaft_mesh(DIAMETER_MM, LENGTH_MM).vertices
+    radius = DIAMETER_MM / 2
+    np.testing.assert_allclose(vertices.min(axis=0), [-radius, -radius, 0], atol=1e-12)
+    np.testing.assert_allclose(vertices.max(axis=0), [radius, radius, LENGTH_MM], atol=1e-12)
+    np.testing.assert_allclose(np.hypot(vertices[:, 0], vertices[:, 1]), radius)
+    tip = vertices[vertices[:, 2] == 0]
+    np.testing.assert_allclose(tip.mean(axis=0), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("mesh", [shaft_mesh(3.0, 150.0), lump_mesh((2.0, 3.0, 1.0), 4)])
+def test_faces_point_outwards_and_have_texture_corners(mesh: Mesh) -> None:
+    assert sum(len(face) for face in mesh.faces) == len(mesh.uv)
+    middle = mesh.vertices.mean(axis=0)
+    outwards = []
+    for face in mesh.faces:
+        corners = mesh.vertices[list(face)]
+        # Newell's formula holds for faces of any number of corners, degenerate ones included.
+        normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+        outwards.append(normal @ (corners.mean(axis=0) - middle))
+    assert min(outwards) > 0
+
+
+def test_edges_of_the_shaft_are_its_rims_and_its_sides() -> None:
+    mesh = shaft_mesh(DIAMETER_MM, LENGTH_MM)
+    sides = len(mesh.vertices) // 2
+    lengths = np.linalg.norm(
+        mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1
+    )
+    assert len(mesh.edges) == 3 * sides
+    assert np.sum(np.isclose(lengths, LENGTH_MM)) == sides
+
+
+def test_box_of_sampled_shafts_equals_brute_force(camera: Camera, poses: list[ShaftPose]) -> None:
+    surface = surface_points()
+    for pose in poses:
+        box = shaft_box(camera, pose)
+        np.testing.assert_allclose(
+            box, brute_force_box(camera, in_camera(surface, pose), 0.1), atol=0.2
+        )
+
+
+def test_box_of_a_shaft_beside_the_camera(camera: Camera) -> None:
+    points = in_camera(surface_points(), BESIDE_CAMERA)
+    assert np.mean(points[:, 2] < 0) > 0.5
+    box = shaft_box(camera, BESIDE_CAMERA)
+    np.testing.assert_allclose(box, brute_force_box(camera, points, 0.1), atol=0.2)
+
+
+def test_box_holds_every_pixel_of_the_silhouette(camera: Camera, poses: list[ShaftPose]) -> None:
+    for pose in [*poses, BESIDE_CAMERA]:
+        box = shaft_box(camera, pose)
+        assert box is not None
+        mask = np.isfinite(cylinder_depth(camera, pose, DIAMETER_MM, LENGTH_MM))
+        x0, y0, x1, y1 = mask_box(mask)
+        # A pixel of the mask has its centre inside the silhouette.
+        assert np.all(box[:2] <= np.array([x0, y0]) + 0.5)
+        assert np.all(box[2:] >= np.array([x1, y1]) - 0.5)
+
+
+@pytest.mark.parametrize(
+    "pose", [ShaftPose(0, 0, -20, 60, 0), ShaftPose(200, 0, 20, 90, 0)], ids=["behind", "beside"]
+)
+def test_a_shaft_out_of_view_has_no_box(camera: Camera, pose: ShaftPose) -> None:
+    assert shaft_box(camera, pose) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lumps_stay_near_their_ellipsoid(seed: int) -> None:
+    radii = (3.0, 2.0, 1.0)
+    # Eight waves of amplitude 0.06 around 1.
+    share = np.linalg.norm(lump_mesh(radii, seed).vertices / np.array(radii), axis=1)
+    assert share.min() >= 1 - 0.48
+    assert share.max() <= 1 + 0.48
+    assert np.ptp(share) > 0.05
+
+
+def test_a_lump_depends_on_its_seed() -> None:
+    first, again, other = (lump_mesh((1.0, 1.0, 1.0), seed).vertices for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.allclose(first, other)

@@ -1,0 +1,155 @@
+"""Settings: what is refused, in which words, and their way through JSON."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from shaftpose.config import (
+    Augmentation,
+    LossSettings,
+    RenderSettings,
+    SceneSettings,
+    Size,
+    SplitSettings,
+    TrainingSettings,
+    Variant,
+    from_json,
+    parse,
+    to_json,
+)
+from shaftpose.errors import InputError
+
+ROOT = Path(__file__).parents[1]
+PARAMS = yaml.safe_load((ROOT / "params.yaml").read_text())
+PROFILES = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
+
+
+def render_values() -> dict[str, Any]:
+    names = ("camera", "poses", "shaft", "scene", "lens")
+    return {
+        **{name: PARAMS[name] for name in names},
+        "samples": PROFILES["smoke"]["samples"],
+        "jpeg_quality": PARAMS["render"]["jpeg_quality"],
+    }
+
+
+def complaint(kind: type, values: dict[str, Any]) -> str:
+    """The message of a refusal, which is one line."""
+    with pytest.raises(InputError) as caught:
+        parse(kind, values, "params.yaml: part")
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("kind", "part", "key", "value"),
+    [
+        (LossSettings, "loss", "alpha", "much"),  # wrong type
+        (LossSettings, "loss", "alpha", -0.5),
+        (LossSettings, "loss", "gamma", 0.0),
+        (LossSettings, "loss", "beta", [1.0, 1.0, 2.0, 2.0]),  # four weights for five dimensions
+        (LossSettings, "loss", "beta", [1.0, 1.0, 2.0, 2.0, 2.0, 2.0]),
+        (LossSettings, "loss", "delta", 3.0),  # unknown key
+        (SceneSettings, "scene", "instruments", [2, 1]),  # upside down
+        (SceneSettings, "scene", "light_strength", [20000.0, 1000.0]),
+        (SceneSettings, "scene", "roughness", [0.1, 1.4]),  # leaves [0, 1]
+        (SceneSettings, "scene", "min_visible_px", 0),
+        (SceneSettings, "scene", "occluder_probability", 1.5),
+        (SplitSettings, "split", "method", "alphabetical"),
+        (SplitSettings, "split", "test", 1.0),
+    ],
+)
+def test_a_wrong_value_is_named(kind: type, part: str, key: str, value: object) -> None:
+    parse(kind, PARAMS[part], "params.yaml")  # as it stands, it is right
+    message = complaint(kind, {**PARAMS[part], key: value})
+    assert message.startswith(f"params.yaml: part.{key} = {value!r}: ")
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"x_mm": [20.0, -20.0]}, "poses.x_mm = [20.0, -20.0]"),
+        ({"x_mm": [1.0]}, "poses.x_mm.1 is missing"),
+        ({"x_mm": ["left", 2.0]}, "poses.x_mm.0 = 'left'"),
+        ({"roll_deg": [0.0, 1.0]}, "poses.roll_deg = [0.0, 1.0]"),
+    ],
+)
+def test_a_wrong_value_deep_inside_is_named(values: dict[str, Any], named: str) -> None:
+    poses = {**PARAMS["poses"], **values}
+    assert f"part.{named}" in complaint(RenderSettings, {**render_values(), "poses": poses})
+
+
+@pytest.mark.parametrize(("key", "value"), [("loader_workers", -1), ("loader_workers", 1.5)])
+def test_a_wrong_count_is_named(key: str, value: float) -> None:
+    message = complaint(TrainingSettings, {**PARAMS["training"], key: value})
+    assert message.startswith(f"params.yaml: part.{key} = {value!r}: ")
+
+
+def test_a_missing_key_is_named() -> None:
+    values = {key: value for key, value in PARAMS["loss"].items() if key != "gamma"}
+    message = complaint(LossSettings, values)
+    assert message == "params.yaml: part.gamma is missing; add it"
+
+
+def test_the_words_for_a_range_upside_down() -> None:
+    message = complaint(Augmentation, {**PARAMS["training"]["augmentation"], "hue_deg": [10, -10]})
+    assert message == (
+        "params.yaml: part.hue_deg = [10, -10]: the lower end 10 is above the upper end -10; "
+        "swap them"
+    )
+
+
+def test_equal_ends_are_a_range() -> None:
+    values = {**PARAMS["training"]["augmentation"], "hue_deg": [5, 5]}
+    assert parse(Augmentation, values, "here").hue_deg == (5.0, 5.0)
+
+
+def test_every_profile_is_a_size() -> None:
+    sizes = {name: parse(Size, values, name) for name, values in PROFILES.items()}
+    assert sizes["paper"].images == 100_000
+    assert sizes["paper"].width == 1.0
+
+
+def test_pose_ranges_in_order() -> None:
+    poses = parse(RenderSettings, render_values(), "params.yaml").poses
+    assert poses.low == (-20, -20, 10, 50, 0)  # the paper's ranges
+    assert poses.high == (20, 20, 40, 90, 358)
+
+
+def test_settings_are_frozen() -> None:
+    settings = parse(Variant, {"name": "d", "title": "D", "noise": 0, "real_share": 0.0}, "here")
+    with pytest.raises(AttributeError):
+        settings.noise = 10  # type: ignore[misc]
+
+
+def test_render_settings_survive_json(tmp_path: Path) -> None:
+    settings = parse(RenderSettings, render_values(), "params.yaml")
+    path = tmp_path / "settings.json"
+    path.write_text(to_json(settings))
+    assert from_json(RenderSettings, path) == settings
+    assert settings.scene.instruments == (1, 2)
+
+
+def test_json_with_a_wrong_value_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "settings.json"
+    path.write_text('{"method": "grouped", "test": 2, "validation": 0.1}')
+    with pytest.raises(InputError) as caught:
+        from_json(SplitSettings, path)
+    assert str(caught.value).startswith(f"{path}.test = 2: ")
+
+
+def test_damaged_and_missing_json_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "settings.json"
+    path.write_text('{"method": ')
+    for file in (path, tmp_path / "missing.json"):
+        with pytest.raises(InputError, match=file.name):
+            from_json(SplitSettings, file)
+
+
+@pytest.mark.parametrize("values", [None, 3, "all"])
+def test_a_part_that_is_no_mapping_is_named(values: Any) -> None:
+    # `loss:` without anything below it is None in YAML.
+    assert "params.yaml: part" in complaint(LossSettings, values)

@@ -1,0 +1,305 @@
+"""The on-disk format: run lengths, samples, damage and the models folder."""
+
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.rendering.meshes import shaft_mesh
+from shaftpose.shards import (
+    Instrument,
+    Sample,
+    ShardedDataset,
+    ShardWriter,
+    decode_mask,
+    encode_mask,
+    sample_key,
+    shard_name,
+    shard_paths,
+    write_models,
+)
+
+SIZE = 64
+CAMERA = Camera.from_field_of_view(SIZE, SIZE, 95.0)
+
+
+def rectangle(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
+    mask = np.zeros((SIZE, SIZE), dtype=bool)
+    mask[y0:y1, x0:x1] = True
+    return mask
+
+
+def instrument(pose: ShaftPose, mask: np.ndarray) -> Instrument:
+    """Half of it hidden; the amodal box reaches 4 px further to the right."""
+    box = x0, y0, x1, y1 = mask_box(mask)
+    visible = int(mask.sum())
+    return Instrument(pose, mask, box, (x0, y0, x1 + 4, y1), 0.5, visible, 2 * visible)
+
+
+def make_sample(index: int, shafts: int = 2) -> Sample:
+    """A picture of noise in large cells, which a JPEG keeps, with `shafts` rectangles."""
+    rng = np.random.default_rng(index)
+    cells = rng.integers(0, 256, (SIZE // 16, SIZE // 16, 3), dtype=np.uint8)
+    poses = [ShaftPose(1.5, -2.25, 20.0, 70.0, 123.0), ShaftPose(-4.0, 3.0, 31.0, 55.0, 1.0)]
+    masks = [rectangle(3, 5, 20, 9), rectangle(30, 10, 41, 60)]
+    instruments = [instrument(pose, mask) for pose, mask in zip(poses, masks, strict=True)]
+    return Sample(
+        key=sample_key(index),
+        rgb=cells.repeat(16, axis=0).repeat(16, axis=1),
+        instruments=tuple(instruments[:shafts]),
+        camera=CAMERA,
+        facts={"background": "b7", "light": 3.5, "seeds": [1, index]},
+    )
+
+
+def write_shard(path: Path, samples: list[Sample], quality: int = 95) -> None:
+    with ShardWriter(path, quality) as writer:
+        for sample in samples:
+            writer.write(sample)
+
+
+def overwrite(path: Path, offset: int, data: bytes) -> None:
+    content = bytearray(path.read_bytes())
+    content[offset : offset + len(data)] = data
+    path.write_bytes(content)
+
+
+def member(path: Path, name: str) -> tarfile.TarInfo:
+    with tarfile.open(path) as tar:
+        return tar.getmember(name)
+
+
+def read_member(path: Path, name: str) -> bytes:
+    with tarfile.open(path) as tar:
+        file = tar.extractfile(name)
+        assert file is not None
+        return file.read()
+
+
+def test_names() -> None:
+    assert sample_key(42) == "000000042"
+    assert shard_name(3) == "shard-000003.tar"
+
+
+def test_run_lengths_by_hand() -> None:
+    # Column by column: (0, 1), (1, 1), (0, 0) are 0 1 1 1 0 0: one zero, three ones, two zeros.
+    mask = np.array([[0, 1, 0], [1, 1, 0]], dtype=bool)
+    assert encode_mask(mask) == {"counts": [1, 3, 2], "size": [2, 3]}
+    # Counts start with zeros: none of them where the first pixel is set.
+    assert encode_mask(~mask) == {"counts": [0, 1, 3, 2], "size": [2, 3]}
+    assert encode_mask(np.zeros((2, 3), dtype=bool))["counts"] == [6]
+    assert encode_mask(np.ones((2, 3), dtype=bool))["counts"] == [0, 6]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
+def test_run_lengths_round_trip_and_mean_what_coco_says(share: float) -> None:
+    rng = np.random.default_rng(3)
+    for height, width in [(1, 1), (1, 9), (7, 1), (13, 17)]:
+        mask = rng.random((height, width)) < share
+        encoded = json.loads(json.dumps(encode_mask(mask)))
+        np.testing.assert_array_equal(decode_mask(encoded), mask)
+        # COCO: runs of zeros and ones in turn; pixel n is row n mod height of column n / height.
+        picture = np.zeros((height, width), dtype=bool)
+        n = 0
+        for turn, run in enumerate(encoded["counts"]):
+            for _ in range(run):
+                picture[n % height, n // height] = turn % 2 == 1
+                n += 1
+        assert n == height * width
+        np.testing.assert_array_equal(picture, mask)
+
+
+def test_a_sample_survives_writing_and_reading(tmp_path: Path) -> None:
+    samples = [make_sample(11), make_sample(2), make_sample(5, shafts=0)]
+    write_shard(tmp_path / shard_name(0), samples[:1])
+    write_shard(tmp_path / shard_name(1), samples[1:])
+    dataset = ShardedDataset(tmp_path)
+    assert dataset.keys == ["000000002", "000000005", "000000011"]
+    assert len(dataset) == 3
+    assert "000000005" in dataset
+    assert "000000006" not in dataset
+    for sample in samples:
+        read = dataset.annotations(sample.key)
+        assert read.poses is not None
+        np.testing.assert_array_equal(read.boxes, sample.annotations.boxes)
+        np.testing.assert_array_equal(read.poses, sample.annotations.poses)
+        assert read.boxes.shape == (len(sample.instruments), 4)
+        masks = dataset.masks(sample.key)
+        assert len(masks) == len(sample.instruments)
+        for mask, written in zip(masks, sample.instruments, strict=True):
+            np.testing.assert_array_equal(mask, written.mask)
+        assert dataset.visible_fractions(sample.key) == [0.5] * len(masks)
+        facts = dataset.facts(sample.key)
+        assert {name: facts[name] for name in sample.facts} == sample.facts
+        rgb = dataset.rgb(sample.key)
+        assert rgb.dtype == np.uint8
+        # JPEG blurs the colours at the borders of the cells: compare their centres.
+        assert rgb.shape == sample.rgb.shape
+        difference = rgb[8::16, 8::16].astype(int) - sample.rgb[8::16, 8::16]
+        assert np.abs(difference).max() <= 4
+
+
+def test_hand_values_of_a_read_sample(tmp_path: Path) -> None:
+    write_shard(tmp_path / shard_name(0), [make_sample(0)])
+    read = ShardedDataset(tmp_path).annotations("000000000")
+    np.testing.assert_array_equal(read.boxes, [[3, 5, 20, 9], [30, 10, 41, 60]])
+    np.testing.assert_array_equal(read.poses, [[1.5, -2.25, 20, 70, 123], [-4, 3, 31, 55, 1]])
+
+
+def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    with tarfile.open(path) as tar:
+        assert set(tar.getnames()) == {
+            f"000000000.{suffix}"
+            for suffix in ("rgb.jpg", "camera.json", "gt.json", "gt_info.json", "mask_visib.json",
+                           "shaft.json")
+        }  # fmt: skip
+    parts = {name: json.loads(read_member(path, f"000000000.{name}.json"))
+             for name in ("camera", "gt", "gt_info", "shaft")}  # fmt: skip
+    # f = 64 / (2 tan 47.5 deg) = 29.322.
+    expected = [29.322, 0, 32, 0, 29.322, 32, 0, 0, 1]
+    np.testing.assert_allclose(parts["camera"]["cam_K"], expected, atol=1e-3)
+    first = parts["gt"][0]
+    assert first["obj_id"] == 1
+    assert first["cam_t_m2c"] == [1.5, -2.25, 20.0]
+    # Row by row, as BOP has it; pitch 70, yaw 123: (sin p cos w, sin p sin w, -cos p).
+    rotation = np.array(first["cam_R_m2c"]).reshape(3, 3)
+    np.testing.assert_allclose(rotation[:, 2], [-0.511793, 0.788092, -0.342020], atol=1e-6)
+    info = parts["gt_info"][0]
+    # 3, 5, 20, 9 is 17 wide and 4 high; the amodal box is 4 wider; 17 * 4 = 68 px.
+    assert info["bbox_visib"] == [3, 5, 17, 4]
+    assert info["bbox_obj"] == [3, 5, 21, 4]
+    assert (info["px_count_visib"], info["px_count_all"]) == (68, 136)
+    assert info["visib_fract"] == 0.5
+    assert parts["shaft"]["shafts"][1] == {
+        "x_mm": -4.0, "y_mm": 3.0, "z_mm": 31.0, "pitch_deg": 55.0, "yaw_deg": 1.0,
+    }  # fmt: skip
+
+
+def test_the_same_samples_are_the_same_bytes(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        write_shard(tmp_path / folder / "shard-000000.tar", [make_sample(0), make_sample(1)])
+    one, two = (tmp_path / folder / "shard-000000.tar" for folder in ("a", "b"))
+    assert one.read_bytes() == two.read_bytes()
+    write_shard(two, [make_sample(0), make_sample(2)])
+    assert one.read_bytes() != two.read_bytes()
+
+
+def test_no_final_name_before_the_end(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    with ShardWriter(path, 95) as writer:
+        writer.write(make_sample(0))
+        assert not path.exists()
+    assert [file.name for file in tmp_path.iterdir()] == ["shard-000000.tar"]
+
+
+def test_an_exception_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="lamp"), ShardWriter(
+        tmp_path / shard_name(0), 95
+    ) as writer:  # fmt: skip
+        writer.write(make_sample(0))
+        raise RuntimeError("the lamp is broken")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("cut", [0, 1, 511, 512, 513, 1024, 5000, 10240, 20480, -10240, -512, -1])
+def test_a_truncated_shard_is_named(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(n) for n in range(4)])
+    data = path.read_bytes()
+    assert len(data) > 20480
+    path.write_bytes(data[:cut])
+    with pytest.raises(InputError, match="truncated or damaged") as caught:
+        ShardedDataset(tmp_path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "delete the shard" in str(caught.value)
+
+
+def test_a_shard_cut_at_any_block_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    data = path.read_bytes()
+    for cut in range(0, len(data), 512):
+        path.write_bytes(data[:cut])
+        with pytest.raises(InputError, match="truncated or damaged"):
+            ShardedDataset(tmp_path)
+
+
+@pytest.mark.parametrize("header", [b"x" * 512, bytes(512)])
+def test_a_damaged_header_is_not_passed_over(tmp_path: Path, header: bytes) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0), make_sample(1)])
+    overwrite(path, member(path, "000000001.rgb.jpg").offset, header)
+    with pytest.raises(InputError, match="truncated or damaged"):
+        ShardedDataset(tmp_path)
+
+
+def test_a_damaged_image_is_named_with_its_key(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0), make_sample(1)])
+    overwrite(path, member(path, "000000001.rgb.jpg").offset_data, b"\0" * 64)
+    dataset = ShardedDataset(tmp_path)
+    assert dataset.rgb("000000000").shape == (SIZE, SIZE, 3)
+    with pytest.raises(InputError, match="image 000000001 is damaged") as caught:
+        dataset.rgb("000000001")
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    overwrite(path, member(path, "000000000.shaft.json").offset_data, b"?")
+    with pytest.raises(InputError, match="000000000.shaft.json is damaged"):
+        ShardedDataset(tmp_path).annotations("000000000")
+
+
+def test_a_missing_key_is_named(tmp_path: Path) -> None:
+    write_shard(tmp_path / shard_name(0), [make_sample(0)])
+    with pytest.raises(InputError, match="000000009.rgb.jpg is missing"):
+        ShardedDataset(tmp_path).rgb("000000009")
+
+
+def test_a_folder_without_shards_is_named(tmp_path: Path) -> None:
+    (tmp_path / "shard-000000.tar.part").write_bytes(b"unfinished")
+    for folder in (tmp_path, tmp_path / "missing"):
+        with pytest.raises(InputError, match="no shard") as caught:
+            ShardedDataset(folder)
+        assert str(caught.value).startswith(f"{folder}: ")
+
+
+def test_shards_are_found_in_order(tmp_path: Path) -> None:
+    for index in (10, 2):
+        write_shard(tmp_path / shard_name(index), [make_sample(index)])
+    assert [path.name for path in shard_paths(tmp_path)] == [shard_name(2), shard_name(10)]
+
+
+def test_models_folder_describes_the_mesh(tmp_path: Path) -> None:
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0)
+    info = json.loads((tmp_path / "models" / "models_info.json").read_text())["1"]
+    assert info["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
+    # A rod of 3 mm and 150 mm from the tip on; its diagonal is sqrt(9 + 22500) = 150.03.
+    assert [info[f"min_{axis}"] for axis in "xyz"] == pytest.approx([-1.5, -1.5, 0.0])
+    assert [info[f"size_{axis}"] for axis in "xyz"] == pytest.approx([3.0, 3.0, 150.0])
+    assert info["diameter"] == pytest.approx(150.03, abs=0.001)
+
+
+def test_the_ply_file_holds_the_mesh(tmp_path: Path) -> None:
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path, mesh.vertices, mesh.faces, 3.0, 150.0)
+    head, _, body = (tmp_path / "obj_000001.ply").read_text().partition("end_header\n")
+    assert head.startswith("ply\nformat ascii 1.0\n")
+    assert f"element vertex {len(mesh.vertices)}\n" in head
+    assert f"element face {len(mesh.faces)}\n" in head
+    lines = body.splitlines()
+    assert len(lines) == len(mesh.vertices) + len(mesh.faces)
+    vertices = np.array([line.split() for line in lines[: len(mesh.vertices)]], dtype=float)
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [3, 3, 150], atol=1e-5)
+    np.testing.assert_allclose(vertices, mesh.vertices, atol=1e-6)
+    for line, face in zip(lines[len(mesh.vertices) :], mesh.faces, strict=True):
+        assert tuple(map(int, line.split())) == (len(face), *face)
