@@ -17,7 +17,7 @@ from shaftpose.config import RenderSettings, to_json
 from shaftpose.shards import shard_name
 
 # Code that determines the bytes of a shard, relative to the package.
-_SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "config.py", "images.py")
+_SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "images.py")
 
 
 @dataclass(frozen=True)
