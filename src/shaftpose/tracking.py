@@ -16,6 +16,7 @@ import mlflow  # noqa: E402
 import numpy as np  # noqa: E402
 import onnx  # noqa: E402
 import yaml  # noqa: E402
+from filelock import FileLock  # noqa: E402
 from lightning.pytorch.loggers import MLFlowLogger  # noqa: E402
 from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
 from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
@@ -37,10 +38,12 @@ def connect(uri: str | None, experiment: str) -> str:
     root = workspace(Path.cwd())
     uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
     mlflow.set_tracking_uri(uri)
-    if mlflow.get_experiment_by_name(experiment) is None:
-        location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
-        mlflow.create_experiment(experiment, artifact_location=location)
-    mlflow.set_experiment(experiment)
+    location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
+    # Trainings may start side by side: one of them creates database and experiment.
+    with FileLock(root / ".mlflow.lock"):
+        if mlflow.get_experiment_by_name(experiment) is None:
+            mlflow.create_experiment(experiment, artifact_location=location)
+        mlflow.set_experiment(experiment)
     return uri
 
 

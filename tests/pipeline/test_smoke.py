@@ -99,3 +99,28 @@ def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run)
     children = [r for r in runs if r.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
     assert sorted(child.data.params["loss.alpha"] for child in children) == ["0.5", "2.0"]
     assert run("dvc", "status", "train@c").stdout.strip() == ("Data and pipelines are up to date.")
+
+
+def test_predict_prints_a_line_of_json_and_draws(finished: Path, run: Run) -> None:
+    image = next((finished / "data/real/images").glob("*.jpg"))
+    result = run(
+        "shaftpose", "predict", str(image), "--model", "models/c/model.onnx",
+        "--confidence", "0", "--draw", "found",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    line = json.loads(result.stdout)
+    assert line["image"] == str(image)
+    assert {"score", "box", "x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg"} == set(
+        line["instruments"][0]
+    )
+    assert (finished / "found" / image.name).is_file()
+
+
+def test_show_draws_sheets(finished: Path, run: Run) -> None:
+    for what, folder in (("dataset", "data/render/images"), ("backgrounds", "data/backgrounds")):
+        result = run("shaftpose", "show", what, folder, "--out", f"{what}.jpg", "--count", "4")
+        assert result.returncode == 0, result.stderr
+        assert (finished / f"{what}.jpg").stat().st_size > 10_000
+    missing = run("shaftpose", "show", "dataset", "nowhere", "--out", "x.jpg")
+    assert missing.returncode == 1
+    assert missing.stderr.startswith("error: nowhere")

@@ -22,7 +22,7 @@ def draw_boxes(image: Image, boxes: NDArray[np.float64], colour: Colour) -> Imag
     """The image (H, W, 3) RGB with boxes (N, 4) px."""
     drawn = image.copy()
     for x0, y0, x1, y1 in np.rint(boxes).astype(int).tolist():
-        cv2.rectangle(drawn, (x0, y0), (x1 - 1, y1 - 1), colour, 1, cv2.LINE_AA)
+        cv2.rectangle(drawn, (x0, y0), (x1 - 1, y1 - 1), colour, 1)
     return drawn
 
 
@@ -55,13 +55,6 @@ def pose_text(pose: NDArray[np.float64]) -> str:
     """A pose (5,) as a line of text: x, y, z in mm, pitch p and yaw w in deg."""
     x, y, z, pitch, yaw = (f"{value:.1f}" for value in pose)
     return f"x {x} y {y} z {z}  p {pitch} w {yaw}"
-
-
-def label(image: Image, text: str) -> Image:
-    """The image with a line of text in its upper left corner."""
-    drawn = image.copy()
-    _write(drawn, text, (4, _TEXT_PX), (255, 255, 255))
-    return drawn
 
 
 def contact_sheet(images: Sequence[Image], columns: int) -> Image:

@@ -1,0 +1,70 @@
+import numpy as np
+
+from shaftpose.deployment.overlay import (
+    FOUND,
+    TRUTH,
+    contact_sheet,
+    draw_boxes,
+    draw_masks,
+    draw_poses,
+    pose_text,
+)
+from shaftpose.geometry import Camera
+
+CAMERA = Camera.from_field_of_view(299, 299, 95.0)
+BLACK = np.zeros((299, 299, 3), dtype=np.uint8)
+
+
+def drawn_at(image: np.ndarray) -> np.ndarray:
+    """(N, 2) columns and rows of pixels that are not black."""
+    rows, columns = np.nonzero(image.any(axis=2))
+    return np.stack([columns, rows], axis=1)
+
+
+def test_a_box_is_drawn_on_its_own_outermost_pixels() -> None:
+    pixels = drawn_at(draw_boxes(BLACK, np.array([[10.0, 20.0, 31.0, 42.0]]), TRUTH))
+    assert pixels.min(axis=0).tolist() == [10, 20]
+    assert pixels.max(axis=0).tolist() == [30, 41]
+    assert not BLACK.any()  # the image that was given is left alone
+
+
+def test_an_axis_runs_from_the_tip_towards_the_handle() -> None:
+    # Pitch 90, yaw 0: straight to the right at constant depth; the tip projects to the centre.
+    image = draw_poses(BLACK, np.array([[0.0, 0.0, 20.0, 90.0, 0.0]]), CAMERA, FOUND, text=False)
+    pixels = drawn_at(image)
+    assert pixels[:, 0].max() == 298
+    assert np.abs(pixels[:, 1] - 149).max() <= 4  # the line and the circle of radius 3 at the tip
+    assert pixels[:, 0].min() >= 149 - 5
+
+
+def test_the_axis_of_a_shaft_that_passes_the_camera_keeps_its_direction() -> None:
+    pose = np.array([-5.0, 5.0, 15.0, 50.0, 60.0])
+    image = draw_poses(BLACK, pose[None], CAMERA, FOUND, text=False)
+    direction = np.array([
+        np.sin(np.radians(50)) * np.cos(np.radians(60)),
+        np.sin(np.radians(50)) * np.sin(np.radians(60)),
+        -np.cos(np.radians(50)),
+    ])  # fmt: skip
+    near = CAMERA.project(pose[:3] + 8.0 * direction)  # a point of the axis inside the image
+    assert (np.abs(near - 149.5) < 149).all()
+    assert np.abs(drawn_at(image) - near).sum(axis=1).min() <= 2
+
+
+def test_a_mask_is_outlined_not_filled() -> None:
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[100:120, 50:80] = True
+    image = draw_masks(BLACK, [mask], TRUTH)
+    assert image[100, 60].any()
+    assert not image[110, 65].any()
+
+
+def test_a_sheet_is_filled_row_by_row() -> None:
+    images = [np.full((2, 3, 3), value, dtype=np.uint8) for value in (1, 2, 3)]
+    sheet = contact_sheet(images, columns=2)
+    assert sheet.shape == (4, 6, 3)
+    assert [int(sheet[r, c, 0]) for r, c in ((0, 0), (0, 3), (2, 0), (2, 3))] == [1, 2, 3, 0]
+
+
+def test_pose_text() -> None:
+    text = pose_text(np.array([1.04, -2.0, 30.06, 70.0, 358.0]))
+    assert text == "x 1.0 y -2.0 z 30.1  p 70.0 w 358.0"

@@ -1,0 +1,79 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import mlflow
+import pytest
+
+from shaftpose import tracking
+
+
+@pytest.fixture()
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty project folder as the current one, with a database of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    previous = mlflow.get_tracking_uri()
+    tracking.connect(None, "trials")
+    yield tmp_path
+    mlflow.set_tracking_uri(previous)
+
+
+def test_parameters_are_flat_and_sequences_whole() -> None:
+    nested = {"loss": {"alpha": 1.5, "beta": [1, 2]}, "seed": 7}
+    assert tracking.flatten(nested) == {"loss.alpha": 1.5, "loss.beta": [1, 2], "seed": 7}
+
+
+def test_a_queued_experiment_tracks_in_the_users_own_copy() -> None:
+    assert tracking.workspace(Path("/work/p/.dvc/tmp/exps/tmpab12")) == Path("/work/p")
+    assert tracking.workspace(Path("/work/p")) == Path("/work/p")
+
+
+def test_the_datasets_hashes_come_from_the_lock_file(tmp_path: Path) -> None:
+    lock = tmp_path / "dvc.lock"
+    assert tracking.dataset_identity(lock) == {}
+    lock.write_text(
+        "stages:\n"
+        "  render:\n    outs:\n    - {path: data/render, md5: aa.dir}\n"
+        "  train@c:\n    outs:\n    - {path: models/c/model.ckpt, md5: bb}\n"
+        "  report:\n    outs:\n    - {path: reports/ablation.html, md5: cc}\n"
+    )
+    assert tracking.dataset_identity(lock) == {"data/render": "aa.dir"}
+
+
+def test_results_find_the_run_of_their_training(store: Path) -> None:
+    with tracking.training_run("id-1", "d", {"loss": {"alpha": 2}}, {"data/render": "aa"}, store):
+        mlflow.log_metric("training/loss", 3.0)
+    picture = store / "picture.txt"
+    picture.write_text("x")
+    tracking.log_results("id-1", "d", {"mAP": 0.5, "fps": None}, {"picture": picture})
+    (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    assert run.data.metrics["mAP"] == 0.5
+    assert "fps" not in run.data.metrics
+    assert run.data.params["loss.alpha"] == "2"
+    assert run.data.tags["dataset.data/render"] == "aa"
+    assert run.inputs.dataset_inputs[0].dataset.digest == "aa"
+    assert (store / "mlflow.db").is_file()
+    assert list((store / "mlruns").rglob("picture.txt"))
+
+
+def test_results_without_a_run_get_one(store: Path) -> None:
+    # As after `dvc pull` on another machine: models are there, the database is not.
+    tracking.log_results("id-2", "c", {"mAP": 0.25}, {})
+    tracking.log_results("id-2", "c", {"iou": 0.5}, {})
+    (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    assert run.info.run_name == "c"
+    assert {"mAP", "iou"} <= run.data.metrics.keys()
+
+
+def test_runs_of_a_sweep_are_nested(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    tracking.start_sweep(folder, "sweep today")
+    for number in range(2):
+        with tracking.training_run(f"id-{number}", "d", {}, {}, folder):
+            pass
+    runs = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    parents = [run for run in runs if "shaftpose.sweep" in run.data.tags]
+    children = [run for run in runs if "mlflow.parentRunId" in run.data.tags]
+    assert len(parents) == 1
+    assert len(children) == 2
+    assert {c.data.tags["mlflow.parentRunId"] for c in children} == {parents[0].info.run_id}
