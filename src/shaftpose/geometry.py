@@ -165,6 +165,25 @@ def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
+def box_iou(a: Array, b: Array) -> Array:
+    """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
+
+    Boxes are pixel edges, so their sides are plain differences: the `+ 1` of PASCAL VOC's
+    development kit belongs to its inclusive pixel indices.
+    """
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    intersection = np.prod(np.clip(high - low, 0.0, None), axis=-1)
+    union = _box_area(a)[:, None] + _box_area(b)[None, :] - intersection
+    overlap: Array = intersection / np.where(union > 0, union, 1.0)
+    return overlap
+
+
+def _box_area(boxes: Array) -> Array:
+    area: Array = np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None), axis=-1)
+    return area
+
+
 def segment_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:
     """Shortest distance between two segments in space (C. Ericson, Real-Time Collision
     Detection, 5.1.9). Points are (3,); the first segment may be a single point."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
-from shaftpose.evaluation.boxes import best_instruments, box_iou
+from shaftpose.evaluation.boxes import best_instruments
 from shaftpose.evaluation.detected_rate import detected_rate
+from shaftpose.geometry import box_iou
 from shaftpose.instruments import Annotations, Detections
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]

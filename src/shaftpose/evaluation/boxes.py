@@ -1,27 +1,12 @@
-"""Overlap of boxes, and which instrument a detected box hits."""
+"""Which instrument a detected box hits."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.geometry import box_iou
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-def box_iou(a: Array, b: Array) -> Array:
-    """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
-
-    Boxes are pixel edges, so their sides are plain differences: the `+ 1` of PASCAL VOC's
-    development kit belongs to its inclusive pixel indices.
-    """
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    intersection = np.prod(np.clip(high - low, 0.0, None), axis=-1)
-    union = _area(a)[:, None] + _area(b)[None, :] - intersection
-    return intersection / np.where(union > 0, union, 1.0)
-
-
-def _area(boxes: Array) -> Array:
-    return np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None), axis=-1)
 
 
 def best_instruments(boxes: Array, instruments: Array, iou_threshold: float) -> Indices:

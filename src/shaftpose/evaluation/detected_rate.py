@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from shaftpose.evaluation.boxes import box_iou
+from shaftpose.geometry import box_iou
 from shaftpose.instruments import Annotations, Detections
 
 
