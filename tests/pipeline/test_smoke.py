@@ -22,7 +22,7 @@ def finished(clone: Path, run: Run) -> Path:
 def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
     report = json.loads((finished / "reports/ablation.json").read_text())
     assert [row["variant"] for row in report["variants"]] == list(VARIANTS)
-    assert report["constant"]["x_mm"] > 0
+    assert report["constant_predictor"]["x_mm"] > 0
     for row in report["variants"]:
         assert row["test_images"] == 6
         assert row["steps"] == 6

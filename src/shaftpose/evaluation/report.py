@@ -23,13 +23,13 @@ HEADLINES = (
 
 
 def to_markdown(report: AblationReport) -> str:
-    """The report as Markdown; figures are linked by their paths, paper values stand first."""
+    """The report as Markdown, paper values first; figures are in the HTML file alone."""
     headings_i = ["Variant", *(column.heading for column in report_tables.TABLE_I_COLUMNS)]
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
     blocks = [
         "# Ablation report",
-        f"Champion: **{_escape(report_tables.champion_title(report))}**. {report.champion.rule}",
+        f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
         "## Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
         _pipe_table(headings_i, [_pair_cells(row) for row in report_tables.table_i(report)]),
@@ -41,8 +41,7 @@ def to_markdown(report: AblationReport) -> str:
         "## How each variant was trained",
         _pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
     ]
-    figures = [f"![{title}]({Path(path).as_posix()})" for title, path in report.figures.items()]
-    return "\n\n".join(blocks + (["## Figures", *figures] if figures else [])) + "\n"
+    return "\n\n".join(blocks) + "\n"
 
 
 def to_json(report: AblationReport) -> str:
