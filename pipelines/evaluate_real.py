@@ -73,9 +73,7 @@ def main(config: Config) -> None:
 def test_sets(size_px: int) -> dict[str, list[TestImage]]:
     """The rendered and the real (or stand-in) test images, clear and occluded."""
     folder = Path("data/real")
-    real = [
-        load_square(image, size_px) for image in read_coco(folder / "test.json", folder / "images")
-    ]
+    real = [load_square(image, size_px) for image in read_coco(folder / "test.json")]
     sets = {f"rendered/{name}": rendered_images(name) for name in ("clear", "occluded")}
     for name, occluded in (("clear", False), ("occluded", True)):
         sets[f"real/{name}"] = [

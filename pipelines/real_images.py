@@ -33,7 +33,7 @@ SOURCES_PER_SET = 20
 def main(config: Config) -> None:
     """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
     out = Path(config["out"])
-    (out / "images").mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     source = config["real"]["source"]
     if source is None:
         write_stand_in(config, out)
@@ -41,7 +41,7 @@ def main(config: Config) -> None:
         copy_real(Path(source), out)
     domain = "stand-in" if source is None else "real"
     (out / "about.json").write_text(json.dumps({"domain": domain}) + "\n")
-    counts = {part: len(read_coco(out / f"{part}.json", out / "images")) for part in PARTS}
+    counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
     logger.info("%s images %s are in %s", domain, counts, out)
 
 
@@ -51,13 +51,14 @@ PARTS = ("train", "test")
 def copy_real(source: Path, out: Path) -> None:
     """Check the user's COCO files and copy them with the images that they name."""
     for part in PARTS:
-        for image in read_coco(source / f"{part}.json", source / "images"):
-            target = out / "images" / image.path.name
+        for image in read_coco(source / f"{part}.json"):
+            target = out / image.path.relative_to(source)
             if target.exists():
                 raise InputError(
                     f"{source}: {image.path.name} is in train.json and in test.json; "
                     "keep it in one of them"
                 )
+            target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(image.path, target)
         shutil.copyfile(source / f"{part}.json", out / f"{part}.json")
 
@@ -80,9 +81,9 @@ def write_stand_in(config: Config, out: Path) -> None:
         folder = SCRATCH / "stand-in" / name
         shutil.rmtree(folder, ignore_errors=True)
         render_set(rendered, SCRATCH, folder, config["render"]["workers"])
-        samples[name] = [(f"{name}-{s[0]}.jpg", s[1]) for s in read_samples(folder)]
+        samples[name] = [(f"images/{name}-{key}.jpg", s) for key, s in read_samples(folder)]
     for name, sample in [pair for pairs in samples.values() for pair in pairs]:
-        write_jpeg(sample.rgb, out / "images" / name)
+        write_jpeg(sample.rgb, out / name)
     about = "stand-in for real endoscopic images, rendered; boxes only, no poses"
     write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
     test = samples["clear"] + samples["occluded"]

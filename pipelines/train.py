@@ -34,6 +34,9 @@ from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
 
+# Lightning's remarks on hardware and its own products; progress and errors still show.
+logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+
 
 @stage
 def main(config: Config) -> None:
@@ -105,8 +108,7 @@ def training_data(config: Config, chosen: Variant, sizes: Size) -> TrainingData:
 
 def real_images(size_px: int) -> RealImages:
     """The training part of the real, or stand-in, images."""
-    folder = Path("data/real")
-    return RealImages(read_coco(folder / "train.json", folder / "images"), size_px)
+    return RealImages(read_coco(Path("data/real/train.json")), size_px)
 
 
 def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:

@@ -4,6 +4,7 @@ A training has an id of its own, kept beside its checkpoint and as a tag of its 
 follow find the run by it, also where the database was not copied along with the models.
 """
 
+import logging
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -38,6 +39,7 @@ def connect(uri: str | None, experiment: str) -> str:
     root = workspace(Path.cwd())
     uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
     mlflow.set_tracking_uri(uri)
+    logging.getLogger("mlflow").setLevel(logging.WARNING)
     location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
     # Trainings may start side by side: one of them creates database and experiment.
     with FileLock(root / ".mlflow.lock"):

@@ -56,20 +56,20 @@ class RealSample:
     occluded: bool
 
 
-def read_coco(path: Path, images: Path) -> list[RealImage]:
-    """The images of a COCO file, ordered by file name.
+def read_coco(path: Path) -> list[RealImage]:
+    """The images of a COCO file, ordered by file name; names are relative to the file's folder.
 
     Raises InputError naming the file for a missing or damaged annotation file, an image that is
     not there, and a box that leaves its image.
     """
     content = _read_json(path)
     try:
-        return _images(content, images, path)
+        return _images(content, path)
     except KeyError as error:
         raise InputError(f"{path}: an image or annotation lacks {error}; add it") from error
 
 
-def _images(content: dict[str, Any], images: Path, path: Path) -> list[RealImage]:
+def _images(content: dict[str, Any], path: Path) -> list[RealImage]:
     by_image: dict[int, list[RealInstrument]] = {}
     sizes = {entry["id"]: entry for entry in content["images"]}
     for annotation in content["annotations"]:
@@ -80,7 +80,7 @@ def _images(content: dict[str, Any], images: Path, path: Path) -> list[RealImage
                 "which is not listed; add the image or remove the annotation"
             )
         by_image.setdefault(entry["id"], []).append(_instrument(annotation, entry, path))
-    found = [_image(entry, by_image.get(entry["id"], []), images, path) for entry in sizes.values()]
+    found = [_image(entry, by_image.get(entry["id"], []), path) for entry in sizes.values()]
     return sorted(found, key=lambda image: image.path.name)
 
 
@@ -96,10 +96,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _image(
-    entry: dict[str, Any], instruments: list[RealInstrument], images: Path, path: Path
-) -> RealImage:
-    file = images / entry["file_name"]
+def _image(entry: dict[str, Any], instruments: list[RealInstrument], path: Path) -> RealImage:
+    file = path.parent / entry["file_name"]
     if not file.is_file():
         raise InputError(f"{path}: names {file}, which does not exist; add it or remove its entry")
     return RealImage(file, entry["width"], entry["height"], tuple(instruments))
