@@ -1,6 +1,7 @@
 import io
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -11,6 +12,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from shaftpose.deployment.onnx_export import export_onnx
+from shaftpose.deployment.parity import check_parity
+from shaftpose.instruments import Detections
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
@@ -58,18 +61,32 @@ def run(session: onnxruntime.InferenceSession, images: Tensor) -> list[NDArray[n
     return list(session.run(["boxes", "scores", "poses"], {"image": images.numpy()}))
 
 
+def file_of(session: onnxruntime.InferenceSession) -> Any:
+    """The session as the parity check calls it."""
+
+    def predict(images: NDArray[np.uint8]) -> list[Detections]:
+        boxes, scores, poses = run(session, torch.from_numpy(images))
+        return [Detections(*rows) for rows in zip(boxes, scores, poses, strict=True)]
+
+    return predict
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_file_agrees_with_the_network(
     network: ShaftNetwork, session: onnxruntime.InferenceSession, count: int
 ) -> None:
     images = random_images(count)
+    detector = ShaftDetector(network, 250, 0.5, 20)
     with torch.no_grad():
-        expected = ShaftDetector(network, 250, 0.5, 20)(images)
-    boxes, scores, poses = run(session, images)
+        expected = detector(images)
+    _, scores, _ = run(session, images)
     assert expected.scores.std() > 0.01  # else the ranking would be chance
     np.testing.assert_allclose(scores, expected.scores, atol=1e-3)
-    np.testing.assert_allclose(boxes, expected.boxes, atol=0.2)
-    np.testing.assert_allclose(poses, expected.poses, atol=0.5)
+    # Rows may change places where scores differ by less than rounding: compare by place.
+    parity = check_parity(detector, file_of(session), images.numpy(), least_score=0.0)
+    assert parity.holds
+    assert parity.detections >= 15 * count
+    assert parity.tied <= 2 * count
 
 
 def test_names_and_types(session: onnxruntime.InferenceSession) -> None:

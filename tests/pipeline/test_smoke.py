@@ -72,6 +72,8 @@ def test_changed_alpha_trains_again_but_does_not_render(finished: Path, run: Run
     replace_in(finished / "params.yaml", "alpha: 1.5", "alpha: 0.5")
     result = run("dvc", "repro", "train@c")
     replace_in(finished / "params.yaml", "alpha: 0.5", "alpha: 1.5")
+    restored = run("dvc", "repro", "train@c")
+    assert "is cached - skipping run" in restored.stdout
     assert "Running stage 'train@c'" in result.stdout
     assert "Running stage 'render'" not in result.stdout
     assert [shard.stat().st_mtime_ns for shard in shards] == before
