@@ -4,7 +4,11 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-VARIANTS := $(shell sed -n 's/^variants: \[\(.*\)\].*/\1/p' params.yaml | tr -d ,)
+# `variants` of params.yaml, a list in one line.
+VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',' ' ')
+ifeq ($(VARIANTS),)
+$(error params.yaml: `variants` must be a list in one line, as in [c, d])
+endif
 # On a CPU, narrow networks train faster side by side, a core each, than one after another on all
 # cores. On a GPU: make repro JOBS=1
 JOBS ?= $(shell n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)))
@@ -12,7 +16,7 @@ THREADS ?= $(shell echo $$(($$(nproc) / $(JOBS))))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro test lint format ui figures clean
+.PHONY: help env repro report test lint format ui figures clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -20,6 +24,7 @@ help:  ## this list
 env: $(READY)  ## create .venv with pinned dependencies, after checking system libraries
 
 $(READY): pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "error: no $(PYTHON): install Python 3.11 with its venv module, or set PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) tools/check_system.py
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
@@ -35,8 +40,12 @@ repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print th
 	@echo "report:   $(CURDIR)/reports/ablation.html"
 	@echo "tracking: $(CURDIR)/mlflow.db (make ui)"
 
+report: $(READY)  ## bring the report up to date, one stage after another
+	dvc repro report
+	@echo "report: $(CURDIR)/reports/ablation.html"
+
 train-%: $(READY)
-	OMP_NUM_THREADS=$(THREADS) dvc repro --single-item train@$*
+	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item train@$*
 
 test: $(READY)  ## run all tests
 	pytest
@@ -57,7 +66,8 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
-	cp reports/d_noise/figures/predictions.jpg docs/images/predictions.jpg
+	install -m 644 reports/d_noise/figures/predictions.jpg docs/images/predictions.jpg
+	install -m 644 reports/d_noise/silhouettes.jpg docs/images/silhouettes.jpg
 
 clean:  ## remove interrupted renders and other scratch (finished outputs stay)
 	rm -rf data/scratch outputs

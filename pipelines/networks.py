@@ -7,6 +7,7 @@ from settings import size
 from stage import Config
 
 from shaftpose.config import PoseRanges, Variant, parse
+from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.shaft_network import ShaftNetwork
@@ -15,7 +16,13 @@ from shaftpose.network.shaft_network import ShaftNetwork
 def variant(config: Config) -> Variant:
     """What distinguishes the chosen variant, checked."""
     values = {key: value for key, value in config["variant"].items() if key != "head"}
-    return parse(Variant, values, f"conf/variant/{values.get('name', '?')}.yaml")
+    file = f"conf/variant/{config['variant_file']}.yaml"
+    chosen = parse(Variant, values, file)
+    if chosen.name != config["variant_file"]:
+        raise InputError(
+            f"{file}: name = {chosen.name!r}: must be the file's name, for outputs bear it"
+        )
+    return chosen
 
 
 def identity(config: Config) -> dict[str, str | float]:

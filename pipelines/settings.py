@@ -3,9 +3,45 @@
 from collections.abc import Mapping
 from typing import Any
 
-from stage import Config
+from shaftpose.config import (
+    BackgroundSettings,
+    DetectionSettings,
+    LossSettings,
+    RenderSettings,
+    RunSettings,
+    Size,
+    SplitSettings,
+    TrainingSettings,
+    parse,
+)
 
-from shaftpose.config import RenderSettings, Size, parse
+Config = dict[str, Any]
+
+
+def check(config: Config) -> None:
+    """Parse every part, whatever the stage: a wrong loss weight shall not wait for the render.
+
+    Raises InputError naming the first wrong key.
+    """
+    size(config)
+    render_settings(config)
+    stand_in = config["real"]["stand_in"]
+    render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
+    parts = {
+        "backgrounds": BackgroundSettings,
+        "split": SplitSettings,
+        "loss": LossSettings,
+        "training": TrainingSettings,
+        "detection": DetectionSettings,
+    }
+    for name, kind in parts.items():
+        parse(kind, config[name], f"params.yaml: {name}")
+    run = {
+        "seed": config["seed"],
+        "workers": config["render"]["workers"],
+        "champion_margin": config["report"]["champion_margin"],
+    }
+    parse(RunSettings, run, "params.yaml")
 
 
 def size(config: Config) -> Size:

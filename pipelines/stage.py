@@ -3,31 +3,33 @@
 import functools
 import sys
 from collections.abc import Callable
-from typing import Any
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from settings import Config, check
 
 from shaftpose.errors import InputError
 
-Config = dict[str, Any]
+__all__ = ["Config", "stage"]
 
 
 def stage(function: Callable[[Config], None]) -> Callable[[], None]:
     """Make a function of the composed configuration the main function of its script.
 
-    An InputError ends the script with its one line and status 1, without a traceback.
+    What the user can mend ends the script with one line and status 1, without a traceback.
     """
 
     @functools.wraps(function)
     def run(composed: DictConfig) -> None:
         try:
-            _check_profile(composed)
-            config = OmegaConf.to_container(composed, resolve=True)
-            assert isinstance(config, dict)
-            function({str(key): value for key, value in config.items()})
+            config = _resolved(composed)
+            check(config)
+            function(config)
         except InputError as error:
-            sys.exit(f"error: {error}")
+            sys.exit(f"error: {last_line(error)}")
+        except KeyboardInterrupt:
+            sys.exit("interrupted; run it again to continue")
 
     main: Callable[[], None] = hydra.main(
         config_path="../conf", config_name="config", version_base="1.3"
@@ -35,9 +37,24 @@ def stage(function: Callable[[Config], None]) -> Callable[[], None]:
     return main
 
 
-def _check_profile(composed: DictConfig) -> None:
+def last_line(error: InputError) -> str:
+    """The message itself: from a data loader's process it comes behind that process's traceback."""
+    return str(error).strip().splitlines()[-1].removeprefix(f"{_full_name(InputError)}: ")
+
+
+def _full_name(kind: type) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def _resolved(composed: DictConfig) -> Config:
     if composed.profile not in composed.profiles:
         known = ", ".join(str(name) for name in composed.profiles)
         raise InputError(
             f"params.yaml: profile = {composed.profile!r}: unknown; choose one of {known}"
         )
+    try:
+        config = OmegaConf.to_container(composed, resolve=True)
+    except OmegaConfBaseException as error:
+        raise InputError(f"params.yaml or conf/: {str(error).splitlines()[0]}") from error
+    assert isinstance(config, dict)
+    return {str(key): value for key, value in config.items()}

@@ -26,8 +26,8 @@ def main() -> None:
     """Name what is missing and the line that installs it; status 1 if anything is."""
     if sys.version_info[:2] != (3, 11):
         sys.exit(
-            f"error: this is Python {sys.version.split()[0]}; Blender's module needs 3.11: "
-            "sudo apt-get install python3.11 python3.11-venv, or set PYTHON=/path/to/python3.11"
+            f"error: this is Python {sys.version.split()[0]}; Blender's module needs 3.11: install "
+            "it with its venv module, or set PYTHON=/path/to/python3.11"
         )
     missing = [package for library, package in LIBRARIES.items() if not _loads(library)]
     if importlib.util.find_spec("ensurepip") is None:

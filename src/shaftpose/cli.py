@@ -60,10 +60,18 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=("dataset", "backgrounds"))
     parser.add_argument("folder", type=Path, help="a folder of shards, or of backgrounds")
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
-    parser.add_argument("--count", type=int, default=20, help="number of images (20)")
-    parser.add_argument("--columns", type=int, default=5, help="images in a row (5)")
+    parser.add_argument("--count", type=positive, default=20, help="number of images (20)")
+    parser.add_argument("--columns", type=positive, default=5, help="images in a row (5)")
     parser.add_argument("--view-deg", type=float, default=95.0, help="view angle (95)")
     parser.set_defaults(run=show)
+
+
+def positive(text: str) -> int:
+    """A whole number above 0, for argparse."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{number} is not above 0")
+    return number
 
 
 def predict(options: argparse.Namespace) -> None:

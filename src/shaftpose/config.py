@@ -42,7 +42,20 @@ def _fractions(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < 0:
+        raise ValueError("the lower end must not be negative")
+    return pair
+
+
+def _above_zero(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] <= 0:
+        raise ValueError("the lower end must lie above 0")
+    return pair
+
+
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+PositiveRange = Annotated[Range, AfterValidator(_not_negative)]
 SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
 UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
 Count = Annotated[int, Field(ge=0)]
@@ -57,9 +70,9 @@ InstrumentCounts = Annotated[
 
 @dataclass(frozen=True, config=_STRICT)
 class CameraSettings:
-    """The endoscope: a square image of `size_px` and its perspective angle (paper, II)."""
+    """The endoscope: a square image of `size_px` and the angle across it (paper, II)."""
 
-    size_px: PositiveInt
+    size_px: Literal[299]  # the network's input
     view_deg: Annotated[float, Field(gt=0, lt=170)]
 
 
@@ -69,7 +82,7 @@ class PoseRanges:
 
     x_mm: SpreadRange
     y_mm: SpreadRange
-    z_mm: SpreadRange
+    z_mm: Annotated[SpreadRange, AfterValidator(_above_zero)]  # in front of the camera
     pitch_deg: SpreadRange
     yaw_deg: SpreadRange
 
@@ -110,9 +123,9 @@ class SceneSettings:
     instruments: InstrumentCounts
     lens_radius_mm: Annotated[float, Field(ge=0)]
     min_visible_px: PositiveInt
-    light_strength: Range
-    light_kelvin: Range
-    ambient: Range
+    light_strength: PositiveRange
+    light_kelvin: PositiveRange
+    ambient: PositiveRange
     steel_grey: UnitRange
     roughness: UnitRange
     scratches: UnitRange
@@ -127,10 +140,10 @@ class LensSettings:
     at the corners; noise: standard deviation of sensor noise in grey levels of 255.
     """
 
-    blur_px: Range
+    blur_px: PositiveRange
     haze: UnitRange
     vignette: UnitRange
-    noise: Range
+    noise: PositiveRange
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -172,8 +185,8 @@ class BackgroundSettings:
 
     source: str | None
     hue_deg: Range
-    saturation: Range
-    brightness: Range
+    saturation: PositiveRange
+    brightness: PositiveRange
     held_out: Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -232,10 +245,23 @@ class LossSettings:
 class DetectionSettings:
     """From candidates to detections: see `shaftpose.network.decoding`."""
 
-    candidates: PositiveInt
+    candidates: Annotated[int, Field(gt=0, le=7322)]  # there are no more default boxes
     overlap: Fraction
     most: PositiveInt
     confidence: Fraction
+
+    def __post_init__(self) -> None:
+        if self.most > self.candidates:
+            raise ValueError(f"most = {self.most} exceeds candidates = {self.candidates}")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RunSettings:
+    """What is no part of a stage's own settings."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)]
+    workers: PositiveInt
+    champion_margin: Annotated[float, Field(ge=0)]
 
 
 def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:

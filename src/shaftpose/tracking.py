@@ -24,6 +24,8 @@ from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
 from mlflow.entities import Run  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
+logger = logging.getLogger(__name__)
+
 TRAINING_TAG = "shaftpose.training"
 MODEL_NAME = "shaftpose"
 CHAMPION = "champion"
@@ -133,9 +135,15 @@ def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> 
 
 
 def register_champion(training_id: str, name: str, rule: str) -> None:
-    """Register the model of a training's run and give it the alias `champion`."""
+    """Register the model of a training's run and give it the alias `champion`.
+
+    A run that does not hold the model, because it was logged to another database, is passed over.
+    """
     run_id = _run_of(training_id, name)
     client = mlflow.MlflowClient()
+    if not client.get_run(run_id).outputs.model_outputs:
+        logger.warning("%s: this MLflow database lacks its model; run `dvc repro -f export`", name)
+        return
     version = mlflow.register_model(f"runs:/{run_id}/model", MODEL_NAME)
     client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
     client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)

@@ -23,10 +23,12 @@ def complaint(run: Run, *command: str) -> str:
         ("poses.x_mm=[20,-20]", "poses.x_mm"),
         ("poses.z_mm=deep", "poses.z_mm = 'deep'"),
         ("scene.instruments=[2,1]", "scene.instruments"),
+        ("seed=-1", "seed = -1"),
+        ("real.stand_in.lens.haze=[0,2]", "lens.haze"),
     ],
 )
 def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) -> None:
-    line = complaint(run, "pipelines/real_images.py", f"out={tmp_path}", override)
+    line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", override)
     assert line.startswith("error: ")
     assert named in line
 
@@ -54,6 +56,6 @@ def test_empty_background_folder(run: Run, tmp_path: Path) -> None:
     assert str(tmp_path / "empty") in line
 
 
-def test_missing_split_names_the_stage_to_run(run: Run, tmp_path: Path) -> None:
-    line = complaint(run, "pipelines/render.py", f"out={tmp_path}", "backgrounds.held_out=2")
-    assert "error: " in line
+def test_a_wrong_loss_weight_does_not_wait_for_the_render(run: Run, tmp_path: Path) -> None:
+    line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", "loss.alpha=-1")
+    assert line.startswith("error: params.yaml: loss.alpha = -1")

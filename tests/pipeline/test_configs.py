@@ -23,7 +23,10 @@ PROFILES = sorted(yaml.safe_load((ROOT / "conf/profiles.yaml").read_text()))
 def composed(*overrides: str) -> Config:
     search = f"hydra.searchpath=[file://{ROOT}]"
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        config = compose("config", [search, "out=here", *overrides])
+        config = compose("config", [search, "out=here", *overrides], return_hydra_config=True)
+        HydraConfig.instance().set_config(config)
+        OmegaConf.set_struct(config, False)
+        del config["hydra"]
     values = OmegaConf.to_container(config, resolve=True)
     assert isinstance(values, dict)
     return {str(key): value for key, value in values.items()}
@@ -54,7 +57,6 @@ def test_launchers_compose(launcher: str) -> None:
     search = f"hydra.searchpath=[file://{ROOT}]"
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         config = compose("config", [search, f"hydra/launcher={launcher}"], return_hydra_config=True)
-        HydraConfig.instance().set_config(config)
     expected = {"workstation": "joblib", "slurm": "submitit"}[launcher]
     assert expected in config.hydra.launcher._target_.lower()
 
