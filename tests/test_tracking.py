@@ -77,3 +77,12 @@ def test_runs_of_a_sweep_are_nested(store: Path) -> None:
     assert len(parents) == 1
     assert len(children) == 2
     assert {c.data.tags["mlflow.parentRunId"] for c in children} == {parents[0].info.run_id}
+
+
+def test_a_champion_without_model_is_passed_over(
+    store: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tracking.log_results("id-3", "c", {"mAP": 0.25}, {})
+    tracking.register_champion("id-3", "c", "the rule")
+    assert "lacks its model" in caplog.text
+    assert not mlflow.MlflowClient().search_registered_models()

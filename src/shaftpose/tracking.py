@@ -141,7 +141,8 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
     """
     run_id = _run_of(training_id, name)
     client = mlflow.MlflowClient()
-    if not client.get_run(run_id).outputs.model_outputs:
+    outputs = client.get_run(run_id).outputs
+    if outputs is None or not outputs.model_outputs:
         logger.warning("%s: this MLflow database lacks its model; run `dvc repro -f export`", name)
         return
     version = mlflow.register_model(f"runs:/{run_id}/model", MODEL_NAME)
