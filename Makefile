@@ -66,8 +66,8 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
-	install -m 644 reports/d_noise/figures/predictions.jpg docs/images/predictions.jpg
-	install -m 644 reports/d_noise/silhouettes.jpg docs/images/silhouettes.jpg
+	install -m 644 reports/d/figures/predictions.jpg docs/images/predictions.jpg
+	install -m 644 reports/d/silhouettes.jpg docs/images/silhouettes.jpg
 
 clean:  ## remove interrupted renders and other scratch (finished outputs stay)
 	rm -rf data/scratch outputs
