@@ -99,11 +99,8 @@ def test_changed_variant_runs_alone(finished: Path, run: Run) -> None:
     result = run("dvc", "repro", "--dry")
     replace_in(finished / "conf/variant/d_noise.yaml", "noise: 5", "noise: 10")
     stages = re.findall(r"Running stage '([^']+)'", result.stdout)
-    assert "train@d_noise" in stages
-    assert {stage for stage in stages if "@" in stage} == {
-        f"{stage}@d_noise" for stage in ("train", "export", "evaluate", "evaluate_real")
-    }
-    assert not {"backgrounds", "render", "split", "real_images"} & set(stages)
+    # A dry run cannot know that the new model will differ: what follows it is not listed.
+    assert stages == ["train@d_noise"]
 
 
 def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run) -> None:
