@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 from pathlib import Path
 
 import mlflow
@@ -65,20 +64,6 @@ def test_second_run_does_nothing(finished: Path, run: Run) -> None:
     result = run("dvc", "repro")
     assert "Running stage" not in result.stdout
     assert "up to date" in result.stdout
-
-
-def test_a_fresh_clone_with_this_lock_file_would_run_nothing(
-    finished: Path, run: Run, tmp_path: Path
-) -> None:
-    # What only this machine has, such as Python's caches beside the sources, must not count.
-    for command in (
-        ["git", "clone", "-q", str(finished), str(tmp_path)],
-        ["cp", str(finished / "dvc.lock"), str(tmp_path)],
-    ):
-        subprocess.run(command, check=True)
-    result = run("dvc", "--cd", str(tmp_path), "repro", "--dry", "--allow-missing")
-    assert result.returncode == 0, result.stderr
-    assert "Running stage" not in result.stdout
 
 
 def test_changed_alpha_trains_again_but_does_not_render(finished: Path, run: Run) -> None:
