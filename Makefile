@@ -1,4 +1,4 @@
-# `make help` lists what there is. Every target sets up what it needs.
+# `make help` lists what there is. Every target sets up the environment it needs.
 
 PYTHON ?= python3.11
 VENV := .venv
@@ -19,7 +19,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 .PHONY: help env repro report test lint format ui figures clean
 
 help:  ## this list
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 env: $(READY)  ## create .venv with pinned dependencies, after checking system libraries
 
@@ -44,7 +44,7 @@ report: $(READY)  ## bring the report up to date, one stage after another
 	dvc repro report
 	@echo "report: $(CURDIR)/reports/ablation.html"
 
-train-%: $(READY)
+train-%: $(READY)  ## train one variant, as in `make train-d`, on data that is there
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item train@$*
 
 test: $(READY)  ## run all tests
@@ -59,7 +59,7 @@ format: $(READY)  ## mend style and format
 	ruff check --fix .
 	ruff format .
 
-ui: $(READY)  ## MLflow's pages at 127.0.0.1:5000
+ui: $(READY)  ## MLflow's pages of mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own)
 	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
 
 figures: $(READY)  ## draw the README's pictures from data and reports that `make repro` made

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from render import by_path
+from render import by_path, images_per_shard
 from settings import render_settings, size
 from stage import Config, stage
 
@@ -14,7 +14,7 @@ from shaftpose.backgrounds.library import procedural_sources, read_library, writ
 from shaftpose.backgrounds.tissue import STAND_IN
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.config import RenderSettings
-from shaftpose.dataset.coco import RealSample, read_coco, write_coco
+from shaftpose.dataset.coco import RealSample, check_masks, read_coco, read_pixels, write_coco
 from shaftpose.errors import InputError
 from shaftpose.images import write_jpeg
 from shaftpose.rendering.jobs import RenderedSet
@@ -49,17 +49,21 @@ PARTS = ("train", "test")
 
 
 def copy_real(source: Path, out: Path) -> None:
-    """Check the user's COCO files and copy them with the images that they name."""
+    """Copy the user's images and COCO files; a damaged one ends the stage, not a training."""
+    train, test = [read_coco(source / f"{part}.json") for part in PARTS]
+    check_masks(test, source / "test.json")
+    shared = {image.path for image in train} & {image.path for image in test}
+    if shared:
+        raise InputError(
+            f"{source}: {min(shared).name} is in train.json and in test.json; "
+            "keep it in one of them"
+        )
+    for image in train + test:
+        read_pixels(image)
+        target = out / image.path.relative_to(source)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(image.path, target)
     for part in PARTS:
-        for image in read_coco(source / f"{part}.json"):
-            target = out / image.path.relative_to(source)
-            if target.exists():
-                raise InputError(
-                    f"{source}: {image.path.name} is in train.json and in test.json; "
-                    "keep it in one of them"
-                )
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(image.path, target)
         shutil.copyfile(source / f"{part}.json", out / f"{part}.json")
 
 
@@ -76,7 +80,7 @@ def write_stand_in(config: Config, out: Path) -> None:
             backgrounds=dict(chosen),
             seed=config["seed"] + seed,
             images=images[name],
-            images_per_shard=sizes.images_per_shard,
+            images_per_shard=images_per_shard(images[name], sizes),
         )
         folder = SCRATCH / "stand-in" / name
         shutil.rmtree(folder, ignore_errors=True)

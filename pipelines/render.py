@@ -1,12 +1,14 @@
 """Stage `render`: the training images, and the clear and occluded test sets of Table II."""
 
 import logging
+from math import ceil
 from pathlib import Path
 
 from settings import render_settings, size
 from stage import Config, stage
 
 from shaftpose.backgrounds.library import Background, hold_out, read_library
+from shaftpose.config import Size
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.meshes import shaft_mesh
 from shaftpose.rendering.scale_out import render_set
@@ -21,30 +23,46 @@ SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 @stage
 def main(config: Config) -> None:
     """Write `images/`, `clear/`, `occluded/` and `models/` to `out`."""
-    sizes, out = size(config), Path(config["out"])
+    out = Path(config["out"])
     library = read_library(Path("data/backgrounds"))
+    for name, rendered in rendered_sets(config, library).items():
+        render_set(rendered, Path("data/scratch"), out / name, config["render"]["workers"])
+        logger.info("%d images are in %s", rendered.images, out / name)
+    shaft = render_settings(config).shaft
+    mesh = shaft_mesh(shaft.diameter_mm, shaft.length_mm)
+    write_models(out / "models", mesh.vertices, mesh.faces, shaft.diameter_mm, shaft.length_mm)
+
+
+def rendered_sets(config: Config, library: list[Background]) -> dict[str, RenderedSet]:
+    """The sets by name. The user's occluder probability is that of `images`: `clear` has no
+    occluders, `occluded` one for each shaft."""
+    sizes = size(config)
     kept, held = hold_out(library, config["backgrounds"]["held_out"], config["seed"])
-    plain = render_settings(config)
-    hidden = render_settings(config, scene={"occluder_probability": 1.0})
+    clear, occluded = (
+        render_settings(config, scene={"occluder_probability": share}) for share in (0.0, 1.0)
+    )
     sets = {
-        "images": (plain, kept, sizes.images),
-        "clear": (plain, held, sizes.test_set),
-        "occluded": (hidden, held, sizes.test_set),
+        "images": (render_settings(config), kept, sizes.images),
+        "clear": (clear, held, sizes.test_set),
+        "occluded": (occluded, held, sizes.test_set),
     }
-    for name, (settings, backgrounds, images) in sets.items():
-        rendered = RenderedSet(
+    return {
+        name: RenderedSet(
             settings=settings,
             backgrounds=by_path(backgrounds),
             seed=config["seed"] + SET_SEEDS[name],
             images=images,
-            images_per_shard=sizes.images_per_shard,
+            images_per_shard=images_per_shard(images, sizes),
         )
-        render_set(rendered, Path("data/scratch"), out / name, config["render"]["workers"])
-        logger.info("%d images are in %s", images, out / name)
-    mesh = shaft_mesh(plain.shaft.diameter_mm, plain.shaft.length_mm)
-    write_models(
-        out / "models", mesh.vertices, mesh.faces, plain.shaft.diameter_mm, plain.shaft.length_mm
-    )
+        for name, (settings, backgrounds, images) in sets.items()
+    }
+
+
+def images_per_shard(images: int, sizes: Size) -> int:
+    """Images per shard of a set: the profile's, or half of the set if that is less."""
+    # A shard is the work of one process: two shards let a small set use two cores. The rule does
+    # not ask how many cores there are, for the shards must not depend on the machine.
+    return min(sizes.images_per_shard, ceil(images / 2))
 
 
 def by_path(backgrounds: list[Background]) -> dict[Path, str]:

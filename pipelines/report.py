@@ -5,12 +5,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from results import read_json
+from results import read_domain, read_json
 from stage import Config, stage
+from tqdm import tqdm
 
 from shaftpose import tracking
+from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import read_keys
-from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow, choose_champion
+from shaftpose.evaluation.ablation import (
+    AblationReport,
+    Champion,
+    VariantRow,
+    choose_champion,
+    variant_title,
+)
 from shaftpose.evaluation.average_precision import PrecisionRecall
 from shaftpose.evaluation.figures import (
     ablation_figure,
@@ -33,10 +41,12 @@ def main(config: Config) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     out, names = Path(config["out"]), config["variants"]
     results = {name: read_json(RESULTS / name / "evaluation.json", "evaluate") for name in names}
-    rows = [variant_row(name, result) for name, result in results.items()]
+    domain, real_images = read_domain(), len(read_coco(Path("data/real/train.json")))
+    rows = [variant_row(name, result, real_images) for name, result in results.items()]
     champion = choose_champion(rows, config["report"]["champion_margin"])
-    domain = read_json(Path("data/real/about.json"), "real_images")["domain"]
-    constant = constant_predictor(annotations("train"), annotations("test")).as_dict()
+    shards = ShardedDataset(Path("data/render/images"))
+    train, test = annotations(shards, "train"), annotations(shards, "test")
+    constant = constant_predictor(train, test).as_dict()
     report = AblationReport(
         rows=rows,
         constant=constant,
@@ -54,8 +64,8 @@ def main(config: Config) -> None:
     logger.info("report: %s", out / "ablation.html")
 
 
-def variant_row(name: str, result: dict[str, Any]) -> VariantRow:
-    """The table line of one variant."""
+def variant_row(name: str, result: dict[str, Any], real_images: int) -> VariantRow:
+    """The table line of one variant; those with a real share mix in all of the real images."""
     training, metrics = result["training"], result["metrics"]
     return VariantRow(
         variant=name,
@@ -68,13 +78,14 @@ def variant_row(name: str, result: dict[str, Any]) -> VariantRow:
         width=training["width"],
         seeds=(training["seed"],),
         parameters=training["parameters"],
+        mixed_in_images=real_images if result["real_share"] > 0 else 0,
     )
 
 
-def annotations(part: str) -> list[Annotations]:
+def annotations(shards: ShardedDataset, part: str) -> list[Annotations]:
     """What is in the images of one part of the split."""
-    shards = ShardedDataset(Path("data/render/images"))
-    return [shards.annotations(key) for key in read_keys(Path("data/split"), part)]
+    keys = read_keys(Path("data/split"), part)
+    return [shards.annotations(key) for key in tqdm(keys, f"reading {part} poses", unit="image")]
 
 
 def draw_figures(
@@ -85,15 +96,16 @@ def draw_figures(
     out: Path,
 ) -> dict[str, Path]:
     """The report's figures: title -> file."""
+    titled = {
+        variant_title(name, domain, result["title"]): result for name, result in results.items()
+    }
     curves = {
-        result["title"]: PrecisionRecall(
+        title: PrecisionRecall(
             **{name: np.array(values) for name, values in result["precision_recall"].items()}
         )
-        for result in results.values()
+        for title, result in titled.items()
     }
-    learning = {
-        result["title"]: [tuple(row) for row in result["curves"]] for result in results.values()
-    }
+    learning = {title: [tuple(row) for row in result["curves"]] for title, result in titled.items()}
     figures = {
         "Ablation": ablation_figure(rows, constant, domain),
         "Precision and recall": precision_recall_figure(curves),

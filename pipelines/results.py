@@ -24,3 +24,8 @@ def read_training(model_folder: Path) -> dict[str, Any]:
     """What the train stage notes about a training beside its checkpoint."""
     training: dict[str, Any] = read_json(model_folder / "training.json", "train")
     return training
+
+
+def read_domain() -> str:
+    """What the images of the real domain are: "real", or "stand-in"."""
+    return str(read_json(Path("data/real/about.json"), "real_images")["domain"])

@@ -15,6 +15,7 @@ from networks import build_network, identity, variant
 from results import write_json
 from settings import size
 from stage import Config, stage
+from validation import ValidationMetrics
 
 from shaftpose import tracking
 from shaftpose.config import Augmentation, LossSettings, Size, TrainingSettings, Variant, parse
@@ -123,16 +124,20 @@ def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
 
 
 def build_trainer(config: Config, sizes: Size, loggers: list[Any]) -> Trainer:
-    """One pass over the stream, validated every so many steps."""
+    """One pass over the stream, validated every so many steps and after the last."""
     return Trainer(
         **config["trainer"],
         precision=sizes.precision,
         max_epochs=1,
         max_steps=sizes.steps,
-        val_check_interval=min(config["training"]["validate_every"], sizes.steps),
+        val_check_interval=min(sizes.validate_every, sizes.steps),
         log_every_n_steps=min(25, sizes.steps),
         logger=loggers,
-        callbacks=[TQDMProgressBar(refresh_rate=20), LearningRateMonitor("step")],
+        callbacks=[
+            TQDMProgressBar(refresh_rate=20),
+            LearningRateMonitor("step"),
+            ValidationMetrics(),
+        ],
         enable_checkpointing=False,
         enable_model_summary=False,
     )

@@ -111,6 +111,13 @@ def test_every_profile_is_a_size() -> None:
     sizes = {name: parse(Size, values, name) for name, values in PROFILES.items()}
     assert sizes["paper"].images == 100_000
     assert sizes["paper"].width == 1.0
+    every = {name: size.validate_every for name, size in sizes.items()}
+    assert every == {"smoke": 3, "demo": 500, "bench": 1000, "paper": 5000}
+
+
+def test_a_size_that_is_never_validated_is_refused() -> None:
+    message = complaint(Size, {**PROFILES["smoke"], "validate_every": 0})
+    assert message.startswith("params.yaml: part.validate_every = 0: ")
 
 
 def test_pose_ranges_in_order() -> None:

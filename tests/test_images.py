@@ -1,5 +1,6 @@
 """Decoding, encoding and cropping of images."""
 
+import zlib
 from pathlib import Path
 
 import cv2
@@ -63,13 +64,50 @@ def test_grey_file_becomes_rgb(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_rgb(path), np.full((2, 2, 3), 9))
 
 
-def test_unreadable_and_missing_files_are_named(tmp_path: Path) -> None:
+def complaint(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_rgb(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
+
+
+def test_a_file_that_is_no_image_is_named(tmp_path: Path) -> None:
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"not a picture")
-    for path in (broken, tmp_path / "missing.png", tmp_path):
-        with pytest.raises(InputError, match="not a readable image") as caught:
-            read_rgb(path)
-        assert str(caught.value).startswith(f"{path}: ")
+    assert "not a readable image" in complaint(broken)
+
+
+def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
+    assert "No such file" in complaint(tmp_path / "missing.png")
+    assert "Is a directory" in complaint(tmp_path)
+
+
+def test_a_file_that_may_not_be_read_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    # The administrator may read any file: a file's mode would not do.
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    assert "Permission denied" in complaint(tmp_path / "secret.jpg")
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".tif"])
+def test_a_truncated_file_is_no_image(suffix: str) -> None:
+    data = cv2.imencode(suffix, smooth_image(40, 60))[1].tobytes()
+    assert decode_rgb(data) is not None
+    assert decode_rgb(data[: len(data) // 2]) is None
+
+
+def test_a_header_that_states_a_giant_is_no_image() -> None:
+    # The width of a PNG file is in bytes 16 to 19, the checksum of its header in bytes 29 to 32.
+    data = bytearray(cv2.imencode(".png", smooth_image(40, 60))[1].tobytes())
+    data[16:20] = (2**30).to_bytes(4, "big")
+    data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
+    assert decode_rgb(bytes(data)) is None
 
 
 def test_jpeg_is_deterministic_and_close_to_the_image(tmp_path: Path) -> None:

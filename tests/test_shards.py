@@ -1,6 +1,10 @@
 """The on-disk format: run lengths, samples, damage and the models folder."""
 
 import json
+import os
+import socket
+import subprocess
+import sys
 import tarfile
 from pathlib import Path
 
@@ -17,6 +21,7 @@ from shaftpose.shards import (
     ShardWriter,
     decode_mask,
     encode_mask,
+    is_whole,
     sample_key,
     shard_name,
     shard_paths,
@@ -196,6 +201,45 @@ def test_no_final_name_before_the_end(tmp_path: Path) -> None:
         writer.write(make_sample(0))
         assert not path.exists()
     assert [file.name for file in tmp_path.iterdir()] == ["shard-000000.tar"]
+    assert is_whole(path)
+
+
+def write_while_another_has_begun(path: Path, other_pid: int) -> Path:
+    """Write a shard beside the temporary file of another process, whose path is returned."""
+    with ShardWriter(path, 95):
+        (own,) = path.parent.iterdir()
+    other = own.with_name(own.name.replace(f".{os.getpid()}.", f".{other_pid}."))
+    assert other != own
+    other.write_bytes(b"half a shard")
+    write_shard(path, [make_sample(0)])
+    assert is_whole(path)
+    return other
+
+
+def test_the_temporary_file_of_another_process_is_left_alone(tmp_path: Path) -> None:
+    part = write_while_another_has_begun(tmp_path / shard_name(0), os.getppid())
+    assert part.read_bytes() == b"half a shard"
+
+
+def test_what_a_dead_process_left_is_removed(tmp_path: Path) -> None:
+    part = write_while_another_has_begun(tmp_path / shard_name(0), dead_pid())
+    assert not part.exists()
+
+
+@pytest.mark.parametrize("name", ["shard-000001.tar.{host}.{pid}", "shard-000000.tar.else.{pid}"])
+def test_what_others_left_is_kept(tmp_path: Path, name: str) -> None:
+    """The remains of another shard, and of another host, whose processes cannot be seen here."""
+    name = name.format(host=socket.gethostname(), pid=dead_pid())
+    (tmp_path / f"{name}.part").write_bytes(b"half a shard")
+    write_shard(tmp_path / shard_name(0), [make_sample(0)])
+    assert (tmp_path / f"{name}.part").exists()
+
+
+def dead_pid() -> int:
+    """The number of a process that has ended."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
 
 
 def test_an_exception_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -217,7 +261,8 @@ def test_a_truncated_shard_is_named(tmp_path: Path, cut: int) -> None:
     with pytest.raises(InputError, match="truncated or damaged") as caught:
         ShardedDataset(tmp_path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert "delete the shard" in str(caught.value)
+    assert "run `dvc repro -f render`" in str(caught.value)
+    assert not is_whole(path)
 
 
 def test_a_shard_cut_at_any_block_is_refused(tmp_path: Path) -> None:
@@ -248,6 +293,9 @@ def test_a_damaged_image_is_named_with_its_key(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="image 000000001 is damaged") as caught:
         dataset.rgb("000000001")
     assert str(caught.value).startswith(f"{path}: ")
+    # A shard that counts as whole would be used again: scratch has to go first.
+    assert is_whole(path)
+    assert "delete data/scratch" in str(caught.value)
 
 
 def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:

@@ -12,16 +12,15 @@ import numpy as np
 from shaftpose.backgrounds.library import read_library
 from shaftpose.deployment.overlay import (
     FOUND,
-    TRUTH,
     contact_sheet,
-    draw_boxes,
+    draw_annotations,
+    draw_detections,
     draw_masks,
-    draw_poses,
 )
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera
-from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
+from shaftpose.images import centre_square, read_rgb, write_jpeg
 from shaftpose.instruments import POSE_DIMENSIONS, Detections
 from shaftpose.shards import ShardedDataset
 
@@ -77,14 +76,13 @@ def positive(text: str) -> int:
 def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
     in mm and deg."""
-    predictor = Predictor(options.model)
+    predictor, camera = Predictor(options.model), _camera(options.view_deg)
     for path in options.images:
         image = centre_square(read_rgb(path), INPUT_PX)
         found = predictor(image[None])[0].above(options.confidence)
         print(json.dumps({"image": str(path), "instruments": as_rows(found)}))
         if options.draw:
-            camera = Camera.from_field_of_view(INPUT_PX, INPUT_PX, options.view_deg)
-            drawn = draw_poses(draw_boxes(image, found.boxes, FOUND), found.poses, camera, FOUND)
+            drawn = draw_detections(image, found, camera)
             write_jpeg(drawn, options.draw / f"{path.stem}.jpg")
 
 
@@ -106,9 +104,13 @@ def show(options: argparse.Namespace) -> None:
         library = read_library(options.folder)
         chosen = [read_rgb(background.path) for background in _spread(library, options.count)]
     else:
-        shards = ShardedDataset(options.folder)
+        shards, camera = ShardedDataset(options.folder), _camera(options.view_deg)
         chosen = [
-            draw_sample(shards, key, options.view_deg)
+            draw_annotations(
+                draw_masks(shards.rgb(key), shards.masks(key), FOUND),
+                shards.annotations(key),
+                camera,
+            )
             for key in _spread(shards.keys, options.count)
         ]
     write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
@@ -120,9 +122,5 @@ def _spread(items: Sequence[T], count: int) -> list[T]:
     return [items[n * len(items) // count] for n in range(count)]
 
 
-def draw_sample(shards: ShardedDataset, key: str, view_deg: float) -> Image:
-    """An image of a dataset with its boxes, mask outlines, axes and poses."""
-    image, known = shards.rgb(key), shards.annotations(key)
-    camera = Camera.from_field_of_view(image.shape[1], image.shape[0], view_deg)
-    drawn = draw_boxes(draw_masks(image, shards.masks(key), FOUND), known.boxes, TRUTH)
-    return drawn if known.poses is None else draw_poses(drawn, known.poses, camera, TRUTH)
+def _camera(view_deg: float) -> Camera:
+    return Camera.from_field_of_view(INPUT_PX, INPUT_PX, view_deg)

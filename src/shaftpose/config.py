@@ -174,6 +174,7 @@ class Size:
     batch_size: PositiveInt
     steps: PositiveInt
     warmup_steps: Count
+    validate_every: PositiveInt
     learning_rate: Positive
     precision: Literal["32-true", "bf16-mixed", "16-mixed"]
 
@@ -211,10 +212,9 @@ class Augmentation:
 
 @dataclass(frozen=True, config=_STRICT)
 class TrainingSettings:
-    """How images are fed and how often a training is validated (steps)."""
+    """How images are fed to a training and altered."""
 
     loader_workers: Count
-    validate_every: PositiveInt
     augmentation: Augmentation
 
 

@@ -14,13 +14,23 @@ Image = NDArray[np.uint8]
 def decode_rgb(data: bytes) -> Image | None:
     """An encoded image, or None if it cannot be decoded."""
     raw = np.frombuffer(data, dtype=np.uint8)
-    bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    try:
+        bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    except cv2.error:  # the header states a size that OpenCV refuses
+        return None
     return None if bgr is None else np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def read_rgb(path: Path) -> Image:
-    """The image in a file. Raises InputError naming the file if there is none."""
-    rgb = decode_rgb(path.read_bytes()) if path.is_file() else None
+    """The image in a file. Raises InputError naming the file if it is missing, may not be read or
+    is no image."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); name an image file that can"
+        ) from error
+    rgb = decode_rgb(data)
     if rgb is None:
         raise InputError(f"{path}: not a readable image; replace it by an intact PNG or JPEG file")
     return rgb

@@ -7,6 +7,8 @@ shard depend on its samples alone: no time stamps, no user names.
 
 import io
 import json
+import os
+import socket
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -85,15 +87,18 @@ def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
 class ShardWriter:
     """Writes one shard under a temporary name; `with` renames it when it is complete.
 
-    A shard that exists under its final name is therefore always whole.
+    A shard appears under its final name only when it is whole. The temporary name is this
+    process's own: of two that write the same shard the last one wins. What dead processes of this
+    host have left of the shard is removed.
     """
 
     def __init__(self, path: Path, jpeg_quality: int) -> None:
         self._path, self._quality = path, jpeg_quality
-        self._temporary = path.with_suffix(".tar.part")
+        self._temporary = path.with_name(f"{_part_prefix(path)}{os.getpid()}.part")
 
     def __enter__(self) -> "ShardWriter":
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_remains(self._path)
         self._tar = tarfile.open(self._temporary, "w", format=tarfile.USTAR_FORMAT)
         return self
 
@@ -110,6 +115,29 @@ class ShardWriter:
             member = tarfile.TarInfo(f"{sample.key}.{suffix}")
             member.size = len(data)
             self._tar.addfile(member, io.BytesIO(data))
+
+
+def _part_prefix(path: Path) -> str:
+    """How names of a shard's temporary files begin on this host; the process id follows."""
+    return f"{path.name}.{socket.gethostname()}."
+
+
+def _remove_remains(path: Path) -> None:
+    prefix = _part_prefix(path)
+    for part in path.parent.glob(f"{prefix}*.part"):
+        pid = part.name.removeprefix(prefix).removesuffix(".part")
+        if pid.isdecimal() and not _is_alive(int(pid)):
+            part.unlink(missing_ok=True)
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)  # signal 0 only asks
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's process
+        return True
+    return True
 
 
 def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
@@ -187,18 +215,9 @@ class ShardedDataset:
             self._index(path)
 
     def _index(self, path: Path) -> None:
-        end = 0
-        try:
-            with tarfile.open(path, "r:") as tar:
-                for member in tar:
-                    key, _, suffix = member.name.partition(".")
-                    location = Location(path, member.offset_data, member.size)
-                    self._members.setdefault(key, {})[suffix] = location
-                    end = member.offset_data + member.size
-        except tarfile.TarError as error:
-            raise InputError(_damaged(path)) from error
-        if not _ends_as_written(path, end):
-            raise InputError(_damaged(path))
+        for name, location in _read_index(path).items():
+            key, _, suffix = name.partition(".")
+            self._members.setdefault(key, {})[suffix] = location
 
     @property
     def keys(self) -> list[str]:
@@ -216,7 +235,7 @@ class ShardedDataset:
         location = self._location(key, "rgb.jpg")
         image = decode_rgb(location.read())
         if image is None:
-            raise InputError(f"{location.path}: image {key} is damaged; {_REMEDY}")
+            raise InputError(f"{location.path}: image {key} is damaged; {_RENDER_ALL}")
         return image
 
     def annotations(self, key: str) -> Annotations:
@@ -246,16 +265,41 @@ class ShardedDataset:
         try:
             return json.loads(location.read())
         except ValueError as error:
-            raise InputError(f"{location.path}: {key}.{suffix} is damaged; {_REMEDY}") from error
+            message = f"{location.path}: {key}.{suffix} is damaged; {_RENDER_ALL}"
+            raise InputError(message) from error
 
     def _location(self, key: str, suffix: str) -> Location:
         try:
             return self._members[key][suffix]
         except KeyError as error:
-            raise InputError(f"{self.folder}: {key}.{suffix} is missing; {_REMEDY}") from error
+            raise InputError(f"{self.folder}: {key}.{suffix} is missing; {_RENDER}") from error
 
 
-_REMEDY = "delete the shard and run the render stage again"
+_RENDER = "run `dvc repro -f render` (a shard of your own: write it again)"
+# A shard that is whole is not rendered again, whatever its members hold: it has to go first.
+_RENDER_ALL = f"delete data/scratch, then {_RENDER}"
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a shard's headers are sound and nothing is cut off. What its members hold is not
+    looked at."""
+    try:
+        _read_index(path)
+    except InputError:
+        return False
+    return True
+
+
+def _read_index(path: Path) -> dict[str, Location]:
+    """Where each member of a shard lies, by name. Raises InputError if the shard is not whole."""
+    try:
+        with tarfile.open(path, "r:") as tar:
+            members = {m.name: Location(path, m.offset_data, m.size) for m in tar}
+    except tarfile.TarError as error:
+        raise InputError(_damaged(path)) from error
+    if not _ends_as_written(path, max((m.offset + m.size for m in members.values()), default=0)):
+        raise InputError(_damaged(path))
+    return members
 
 
 def _ends_as_written(path: Path, end: int) -> bool:
@@ -269,7 +313,7 @@ def _ends_as_written(path: Path, end: int) -> bool:
 
 
 def _damaged(path: Path) -> str:
-    return f"{path}: the shard is truncated or damaged; {_REMEDY}"
+    return f"{path}: the shard is truncated or damaged; {_RENDER}"
 
 
 def shard_paths(folder: Path) -> list[Path]:

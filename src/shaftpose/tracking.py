@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
 
@@ -18,11 +18,13 @@ import numpy as np  # noqa: E402
 import onnx  # noqa: E402
 import yaml  # noqa: E402
 from filelock import FileLock  # noqa: E402
-from lightning.pytorch.loggers import MLFlowLogger  # noqa: E402
 from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
 from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
 from mlflow.entities import Run  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
+
+if TYPE_CHECKING:
+    from lightning.pytorch.loggers import MLFlowLogger
 
 logger = logging.getLogger(__name__)
 
@@ -68,12 +70,14 @@ def training_run(
     parameters: Mapping[str, Any],
     dataset: Mapping[str, str],
     sweep_folder: Path,
-) -> Iterator[MLFlowLogger]:
+) -> "Iterator[MLFlowLogger]":
     """The MLflow run of one training, with system metrics; yields Lightning's logger for it.
 
     parameters: nested, logged flat; dataset: path -> DVC hash of what is trained on;
     sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's.
     """
+    from lightning.pytorch.loggers import MLFlowLogger  # seconds, which only trainings wait
+
     parent = _read_parent(sweep_folder)
     with mlflow.start_run(
         run_name=name, parent_run_id=parent, nested=parent is not None, log_system_metrics=True

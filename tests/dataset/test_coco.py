@@ -12,10 +12,12 @@ from shaftpose.dataset.coco import (
     RealImage,
     RealInstrument,
     RealSample,
+    check_masks,
     load_square,
     mask_polygons,
     polygon_mask,
     read_coco,
+    read_pixels,
     write_coco,
 )
 from shaftpose.errors import InputError
@@ -81,21 +83,39 @@ def test_a_file_is_read_in_the_order_of_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "box",
     [
-        [-1, 5, 20, 30],
-        [10, -1, 20, 30],
-        [41, 5, 20, 30],  # 41 + 20 = 61 > 60
-        [10, 11, 20, 30],  # 11 + 30 = 41 > 40
+        [-1.5, 5, 20, 30],
+        [10, -2, 20, 30],
+        [41.5, 5, 20, 30],  # 41.5 + 20 = 61.5 > 61
+        [10, 12, 20, 30],  # 12 + 30 = 42 > 41
         [10, 5, 0, 30],
         [10, 5, 20, -3],
+        [60, 5, 1, 30],  # nothing of it is in the image
     ],
 )
 def test_a_box_outside_its_image_is_named(tmp_path: Path, box: list[int]) -> None:
     content = coco_content()
     content["annotations"][0]["bbox"] = box
     message = complaint(write_dataset(tmp_path, content))
-    assert str(box) in message
+    assert str([float(number) for number in box]) in message
     assert "b.jpg" in message
     assert "60 x 40" in message
+
+
+@pytest.mark.parametrize(
+    ("box", "clipped"),
+    [
+        ([40.4, 5, 20, 30], (40.4, 5, 60, 35)),  # 60.4 -> 60
+        ([-0.5, 10.5, 20, 30], (0, 10.5, 19.5, 40)),  # 40.5 -> 40
+        ([-1, -1, 62, 42], (0, 0, 60, 40)),
+    ],
+)
+def test_a_box_that_is_a_pixel_too_large_is_clipped(
+    tmp_path: Path, box: list[float], clipped: tuple[float, ...]
+) -> None:
+    content = coco_content()
+    content["annotations"][0]["bbox"] = box
+    image = read_coco(write_dataset(tmp_path, content))[1]
+    assert image.instruments[0].box == pytest.approx(clipped)
 
 
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
@@ -104,37 +124,212 @@ def test_a_missing_image_is_named(tmp_path: Path) -> None:
     assert str(tmp_path / "images" / "a.jpg") in complaint(path)
 
 
-def test_an_annotation_of_an_unlisted_image_is_named(tmp_path: Path) -> None:
-    content = coco_content()
-    content["annotations"][1]["image_id"] = 77
-    assert "annotation 2 names image 77" in complaint(write_dataset(tmp_path, content))
-
-
-@pytest.mark.parametrize("text", ["", "{", "images: []"])
+@pytest.mark.parametrize("text", ["", "{", "images: []", "\x00"])
 def test_no_json_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "test.json"
     path.write_text(text)
     assert "no JSON" in complaint(path)
 
 
-@pytest.mark.parametrize("content", [{"images": []}, {"annotations": []}, [], 3])
-def test_missing_lists_are_named(tmp_path: Path, content: object) -> None:
-    assert "lacks `images` or `annotations`" in complaint(write_dataset(tmp_path, content))
+def test_bytes_that_are_no_text_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "test.json"
+    path.write_bytes(b"\x81\x82\x83\x84")
+    assert "no JSON" in complaint(path)
+
+
+def test_a_byte_order_mark_is_read_over(tmp_path: Path) -> None:
+    path = write_dataset(tmp_path, coco_content())
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    assert len(read_coco(path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "lacking"),
+    [
+        ({"images": []}, "annotations"),
+        ({"annotations": []}, "images"),
+        ({"images": {}, "annotations": []}, "images"),
+        ({"images": [], "annotations": None}, "annotations"),
+        ([], "images"),
+        (3, "images"),
+    ],
+)
+def test_missing_lists_are_named(tmp_path: Path, content: object, lacking: str) -> None:
+    assert f"lacks the list `{lacking}`" in complaint(write_dataset(tmp_path, content))
+
+
+def test_a_file_without_images_is_refused(tmp_path: Path) -> None:
+    path = write_dataset(tmp_path, {"images": [], "annotations": []})
+    assert "lists no image" in complaint(path)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    assert "cannot be read (No such file" in complaint(tmp_path / "test.json")
+    assert "cannot be read (Is a directory" in complaint(tmp_path)
 
 
 @pytest.mark.parametrize(
     ("part", "key"),
-    [("images", "width"), ("images", "file_name"), ("annotations", "bbox"),
-     ("annotations", "image_id")],
-)  # fmt: skip
+    [
+        ("images", "id"),
+        ("images", "width"),
+        ("images", "height"),
+        ("images", "file_name"),
+        ("annotations", "bbox"),
+        ("annotations", "image_id"),
+    ],
+)
 def test_a_missing_key_of_an_entry_is_named(tmp_path: Path, part: str, key: str) -> None:
     content = coco_content()
     del content[part][0][key]
-    assert key in complaint(write_dataset(tmp_path, content))
+    assert f"{part}[0].{key} is missing" in complaint(write_dataset(tmp_path, content))
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    assert "cannot be read" in complaint(tmp_path / "test.json")
+@pytest.mark.parametrize(
+    ("part", "key", "value"),
+    [
+        ("images", "id", None),
+        ("images", "id", 4),  # that of the other image
+        ("images", "width", 0),
+        ("images", "height", None),
+        ("images", "file_name", None),
+        ("images", "file_name", "images/b.jpg"),  # the other image, once more
+        ("images", "file_name", "images/./b.jpg"),
+        ("images", "file_name", "/tmp/a.jpg"),
+        ("images", "file_name", "images/../../a.jpg"),
+        ("annotations", "image_id", 77),
+        ("annotations", "bbox", None),
+        ("annotations", "bbox", [1, 2, 3]),
+        ("annotations", "bbox", [1, 2, 3, 4, 5]),
+        ("annotations", "bbox.2", [1, 2, "3", 4]),
+        ("annotations", "bbox.0", [float("nan"), 2, 3, 4]),
+        ("annotations", "segmentation", None),
+        ("annotations", "segmentation", "b.png"),
+        ("annotations", "attributes.occluded", {"occluded": "perhaps"}),
+    ],
+)
+def test_a_wrong_value_of_an_entry_is_named(
+    tmp_path: Path, part: str, key: str, value: object
+) -> None:
+    content = coco_content()
+    content[part][1][key.partition(".")[0]] = value
+    assert f"{part}[1].{key} = " in complaint(write_dataset(tmp_path, content))
+
+
+@pytest.mark.parametrize("part", ["images", "annotations"])
+def test_an_entry_that_holds_no_keys_is_named(tmp_path: Path, part: str) -> None:
+    content = coco_content()
+    content[part][1] = [1, 2]
+    assert f"{part}[1] = [1, 2]" in complaint(write_dataset(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [],
+        [1, 2, 3, 4],  # two points
+        [1, 2, 3, 4, 5, 6, 7],
+        [1, 2, 3, 4, 5, float("inf")],
+        [1, 2, 3, 4, 5, None],
+        [1, 2, 3, 4, 5, "six"],
+        [[1, 2], [3, 4], [5, 6]],
+        [[1, 2], [3]],
+        {"x": 1},
+        None,
+    ],
+)
+def test_a_damaged_polygon_is_named(tmp_path: Path, polygon: object) -> None:
+    content = coco_content()
+    content["annotations"][0]["segmentation"].append(polygon)
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[0].segmentation[1]: " in message
+    assert "x, y, x, y" in message
+
+
+def run_lengths(*counts: int, size: tuple[int, int] = (40, 60)) -> dict[str, object]:
+    return {"counts": list(counts), "size": list(size)}
+
+
+def test_run_lengths_are_read_as_polygons(tmp_path: Path) -> None:
+    # Column by column of 40: rows 5 to 34 of columns 10 and 11, and nothing behind them.
+    content = coco_content()
+    content["annotations"][0]["segmentation"] = run_lengths(405, 30, 10, 30, 1925)
+    shaft = read_coco(write_dataset(tmp_path, content))[1].instruments[0]
+    expected = np.zeros((60, 60), dtype=bool)
+    expected[5:35, 10:12] = True
+    np.testing.assert_array_equal(polygon_mask(shaft.polygons, 60), expected)
+
+
+@pytest.mark.parametrize(
+    "segmentation",
+    [
+        run_lengths(405, 30, 10, 30, 1924),
+        run_lengths(2500, -100),
+        run_lengths(2400, size=(60, 40)),
+        {"counts": [2400]},
+        {"size": [40, 60]},
+        {"counts": [1200.0, 1200.0], "size": [40, 60]},
+    ],
+)
+def test_run_lengths_that_do_not_fill_the_image_are_named(
+    tmp_path: Path, segmentation: object
+) -> None:
+    content = coco_content()
+    content["annotations"][0]["segmentation"] = segmentation
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[0].segmentation: run lengths need the size [40, 60] of images/b.jpg" in (
+        message
+    )
+
+
+def test_compressed_run_lengths_are_refused(tmp_path: Path) -> None:
+    content = coco_content()
+    content["annotations"][0]["segmentation"] = {"counts": "eW41", "size": [40, 60]}
+    assert "compressed run lengths" in complaint(write_dataset(tmp_path, content))
+
+
+def test_crowds_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    content = coco_content()
+    content["annotations"][0] |= {"iscrowd": 1, "segmentation": {"counts": "eW41"}}
+    content["annotations"][1]["iscrowd"] = 0
+    path = write_dataset(tmp_path, content)
+    image = read_coco(path)[1]
+    assert [shaft.box for shaft in image.instruments] == [(0, 0, 60, 40)]
+    assert f"{path}: left out 1 " in caplog.text
+
+
+def test_no_crowd_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read_coco(write_dataset(tmp_path, coco_content()))
+    assert caplog.text == ""
+
+
+def test_a_shaft_without_polygons_is_named_where_masks_are_needed(tmp_path: Path) -> None:
+    path = write_dataset(tmp_path, coco_content())
+    images = read_coco(path)
+    check_masks(images[:1], path)  # a.jpg shows no shaft
+    with pytest.raises(
+        InputError, match=r"b\.jpg in the box \(0.*60.*40.*`segmentation`"
+    ) as caught:
+        check_masks(images, path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_pixels_of_another_size_than_stated_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    write_image(path, 50, 40)
+    assert read_pixels(RealImage(path, 50, 40, ())).shape == (40, 50, 3)
+    with pytest.raises(InputError, match="50 x 40 px.*40 x 50") as caught:
+        read_pixels(RealImage(path, 40, 50, ()))
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_damaged_pixels_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    write_image(path, 50, 40)
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(InputError, match="not a readable image") as caught:
+        read_pixels(RealImage(path, 50, 40, ()))
+    assert str(caught.value).startswith(f"{path}: ")
 
 
 def wide_image(folder: Path, *instruments: RealInstrument) -> RealImage:
@@ -236,6 +431,13 @@ def test_polygon_mask_of_a_square_on_pixel_edges() -> None:
     expected = np.zeros((30, 30), dtype=bool)
     expected[10:20, 10:20] = True
     np.testing.assert_array_equal(polygon_mask((square,), 30), expected)
+
+
+def test_polygons_that_overlap_are_united() -> None:
+    near, far = ([[a, a], [a + 10.0, a], [a + 10.0, a + 10.0], [a, a + 10.0]] for a in (5.0, 10.0))
+    expected = np.zeros((30, 30), dtype=bool)
+    expected[5:15, 5:15] = expected[10:20, 10:20] = True
+    np.testing.assert_array_equal(polygon_mask((np.array(near), np.array(far)), 30), expected)
 
 
 def test_no_polygon_is_no_mask() -> None:

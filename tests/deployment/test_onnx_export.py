@@ -66,7 +66,10 @@ def file_of(session: onnxruntime.InferenceSession) -> Any:
 
     def predict(images: NDArray[np.uint8]) -> list[Detections]:
         boxes, scores, poses = run(session, torch.from_numpy(images))
-        return [Detections(*rows) for rows in zip(boxes, scores, poses, strict=True)]
+        return [
+            Detections(b[s > 0], s[s > 0], p[s > 0])
+            for b, s, p in zip(boxes, scores, poses, strict=True)
+        ]
 
     return predict
 

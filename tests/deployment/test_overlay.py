@@ -4,15 +4,22 @@ from shaftpose.deployment.overlay import (
     FOUND,
     TRUTH,
     contact_sheet,
+    draw_annotations,
     draw_boxes,
+    draw_caption,
+    draw_detections,
     draw_masks,
     draw_poses,
     pose_text,
+    prediction_sheet,
 )
 from shaftpose.geometry import Camera
+from shaftpose.instruments import Annotations, Detections
 
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
 BLACK = np.zeros((299, 299, 3), dtype=np.uint8)
+BOX = np.array([[150.0, 130.0, 299.0, 170.0]])
+POSE = np.array([[0.0, 0.0, 20.0, 90.0, 0.0]])  # from the centre to the right
 
 
 def drawn_at(image: np.ndarray) -> np.ndarray:
@@ -56,6 +63,38 @@ def test_a_mask_is_outlined_not_filled() -> None:
     image = draw_masks(BLACK, [mask], TRUTH)
     assert image[100, 60].any()
     assert not image[110, 65].any()
+
+
+def has(image: np.ndarray, colour: tuple[int, int, int]) -> bool:
+    return bool((image == colour).all(axis=2).any())
+
+
+def test_what_is_known_is_drawn_without_poses_where_they_are_unknown() -> None:
+    boxes_only = draw_annotations(BLACK, Annotations(BOX, None), CAMERA)
+    np.testing.assert_array_equal(boxes_only, draw_boxes(BLACK, BOX, TRUTH))
+    with_pose = draw_annotations(BLACK, Annotations(BOX, POSE), CAMERA)
+    assert with_pose[149, 200].any()  # on the axis
+    assert with_pose[280:].any()  # the pose as text
+    silent = draw_annotations(BLACK, Annotations(BOX, POSE), CAMERA, text=False)
+    assert not silent[280:].any()
+
+
+def test_a_prediction_sheet_shows_both_in_their_colours() -> None:
+    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    found = Detections(BOX - 20, np.array([0.9]), POSE)
+    known = Annotations(BOX, POSE)
+    sheet = prediction_sheet([BLACK, BLACK], [known, known], [nothing, found], CAMERA, columns=2)
+    left, right = sheet[:, :299], sheet[:, 299:]
+    assert has(left, TRUTH) and not has(left, FOUND)
+    assert has(right, TRUTH) and has(right, FOUND)
+    assert has(draw_detections(BLACK, found, CAMERA), FOUND)
+
+
+def test_a_caption_stands_in_the_upper_left_corner() -> None:
+    pixels = drawn_at(draw_caption(BLACK, "stand-in/clear"))
+    assert pixels[:, 1].max() < 25
+    assert pixels[:, 0].min() < 10
+    assert not BLACK.any()
 
 
 def test_a_sheet_is_filled_row_by_row() -> None:

@@ -22,9 +22,9 @@ def row(variant: str, **metrics: float | None) -> VariantRow:
 
 def test_precision_recall_names_the_average_precision():
     curve = PrecisionRecall(np.array([0.5, 1.0]), np.array([1.0, 0.5]), np.array([0.9, 0.8]))
-    axes = precision_recall_figure({"D": curve}).axes[0]
-    assert axes.get_legend().get_texts()[0].get_text() == "D (AP 0.750)"
-    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [1.0, 0.5])
+    figure = precision_recall_figure({"D": curve})
+    assert figure.legends[0].get_texts()[0].get_text() == "D (AP 0.750)"
+    np.testing.assert_array_equal(figure.axes[0].lines[0].get_ydata(), [1.0, 0.5])
 
 
 def test_pose_errors_show_the_median_of_each_bin():
@@ -48,12 +48,23 @@ def test_learning_curves_have_a_panel_for_each_name():
 
 
 def test_ablation_bars_stand_beside_the_paper():
-    figure = ablation_figure([row("c", mAP=0.7), row("own", mAP=None)], {"mAP": 0.01}, "real")
+    rows = [row("c", mAP=0.7), row("own", mAP=None), row("d", mAP=None)]
+    figure = ablation_figure(rows, {"mAP": 0.01}, "real")
     axes = figure.axes[0]
-    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["C", "own"]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["C", "own", "D"]
     assert axes.patches[0].get_width() == 0.7
-    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [0.958, np.nan])
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [0.958, np.nan, 0.949])
     assert list(axes.lines[1].get_xdata()) == [0.01, 0.01]
+    assert [(text.get_text(), text.xy) for text in axes.texts] == [
+        ("n/a", (0, 1)),
+        ("n/a", (0.949, 2)),  # beside the paper's mark
+    ]
+
+
+def test_ablation_names_stand_ins():
+    figure = ablation_figure([row("d_noise_real", mAP=0.7)], {}, "stand-in")
+    (tick,) = figure.axes[0].get_yticklabels()
+    assert tick.get_text() == "D + noise + stand-in"
 
 
 def test_saved_figures_are_the_same_bytes(tmp_path: Path):

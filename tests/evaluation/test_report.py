@@ -19,7 +19,8 @@ RULE = "The lowest mean tip error on the validation images."
 
 
 def row(variant: str, title: str = "") -> VariantRow:
-    return VariantRow(variant, METRICS, 900, 100, 3000, 16, 0.25, (0,), 1_234_567, title)
+    mixed_in = 100 if variant == "d_noise_real" else 0
+    return VariantRow(variant, METRICS, 900, 100, 3000, 16, 0.25, (0,), 1_234_567, mixed_in, title)
 
 
 def score(rate: float, iou: float | None) -> dict[str, float | int | None]:
@@ -31,8 +32,8 @@ def report(tmp_path: Path) -> AblationReport:
     path = tmp_path / "figure.png"
     save_figure(Figure(figsize=(1, 1)), path)
     silhouette = {
-        "d_noise": {"rendered/clear": score(0.91, 0.52), "real/clear": score(0.61, 0.22)},
-        "mine": {"real/clear": score(0.63, None), "real/occluded": score(0.64, 0.24)},
+        "d_noise": {"rendered/clear": score(0.91, 0.52), "stand-in/clear": score(0.61, 0.22)},
+        "mine": {"stand-in/clear": score(0.63, None), "stand-in/occluded": score(0.64, 0.24)},
     }
     rows = [row("c"), row("d"), row("d_noise"), row("d_noise_real"), row("mine", "D <wide> | deep")]
     constant = {"mAP": 0.001, "x_mm": 10.17}
@@ -64,7 +65,7 @@ def test_missing_and_nan_values_read_not_available(report: AblationReport):
 
 
 def test_every_variant_appears_in_every_form(report: AblationReport):
-    titles = ["C", "D", "D + noise", "D + noise + real (stand-in)"]
+    titles = ["C", "D", "D + noise", "D + noise + stand-in"]
     page, text = to_html(report), to_markdown(report)
     for title in titles:
         assert re.search(rf"<th scope=\"rowgroup\" rowspan=\"2\">{re.escape(title)}<", page)
@@ -81,6 +82,7 @@ def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationR
     assert '<th scope="row">D &lt;wide&gt; | deep' in page and "<wide>" not in page
     assert json.loads(to_json(report))["variants"][-1]["paper"] is None
     assert variant_title("untitled", "real") == "untitled"
+    assert variant_title("mine", "stand-in", "C + real + wide") == "C + stand-in + wide"
 
 
 def test_the_scale_stands_under_the_tables(report: AblationReport):
@@ -89,6 +91,18 @@ def test_the_scale_stands_under_the_tables(report: AblationReport):
         assert "100 test images, 3,000 steps, batch 16, backbone width 0.25" in text
         assert "20 images with 31 instruments" in text
         assert RULE in text
+    assert markdown_line(to_markdown(report), "| Variant | Tr")[1] == "Training images"
+
+
+def test_mixed_in_images_are_counted(report: AblationReport):
+    told = (
+        "D + noise + stand-in: 100 stand-in images were mixed in with the rendered ones, where "
+        "the paper's D + noise + real has real ones."
+    )
+    assert told in to_markdown(report)
+    assert to_markdown(report).count("mixed in") == 1
+    real = to_markdown(measured_on_real(report))
+    assert "D + noise + real: 100 real images were mixed in with the rendered ones." in real
 
 
 def test_stand_ins_are_never_shown_as_real(report: AblationReport):
@@ -103,8 +117,16 @@ def test_stand_ins_are_never_shown_as_real(report: AblationReport):
     assert set(content["silhouette"]["d_noise"]) == {"rendered/clear", "stand-in/clear"}
 
 
+def measured_on_real(report: AblationReport) -> AblationReport:
+    silhouette = {
+        variant: {name.replace("stand-in", "real"): score for name, score in sets.items()}
+        for variant, sets in report.silhouette.items()
+    }
+    return replace(report, domain_label="real", silhouette=silhouette)
+
+
 def test_measured_real_images_are_called_real(report: AblationReport):
-    real = replace(report, domain_label="real")
+    real = measured_on_real(report)
     for text in (to_markdown(real), to_html(real), to_json(real)):
         assert "stand-in" not in text
     assert markdown_line(to_markdown(real), "| real / real |")[2] == "0.700 / 0.610"

@@ -9,6 +9,7 @@ from torch.utils.data import DataLoader, Dataset
 from shaftpose.batches import Batch, Targets
 from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
+from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
 from shaftpose.network.shaft_network import ShaftNetwork
@@ -91,6 +92,17 @@ def test_training_logs_saves_and_loads(
     load_network_weights(path, module.network, IDENTITY)
     for name, value in module.network.state_dict().items():
         assert torch.equal(value, trained[name]), name
+
+
+def test_validation_returns_what_the_exported_detector_finds(module: ShaftModule) -> None:
+    detector = ShaftDetector(module.network, top_k=250, iou_threshold=0.5, keep=20).eval()
+    batch = random_batch(seed=0)
+    with torch.inference_mode():
+        found, expected = module.eval().validation_step(batch, 0), detector(batch.images)
+    assert found["scores"].max() > 0
+    assert found.keys() == {"boxes", "scores", "poses"}
+    for name, values in expected._asdict().items():
+        assert torch.equal(found[name], values), name
 
 
 def test_loss_that_is_no_number_stops_the_training(module: ShaftModule, trainer: Trainer) -> None:

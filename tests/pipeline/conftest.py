@@ -18,21 +18,30 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tracked files as they are now, a Git repository of their own, profile `smoke`."""
     folder = tmp_path_factory.mktemp("clone")
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    for name in listed.stdout.splitlines():
-        if (ROOT / name).is_file() and name != "dvc.lock":
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, folder / name)
+    copy_tracked(ROOT, folder)
+    (folder / "dvc.lock").unlink(missing_ok=True)
     replace_in(folder / "params.yaml", "profile: demo", "profile: smoke")
-    for command in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "Clone"]):
-        subprocess.run(["git", *IDENTITY, *command], cwd=folder, check=True)
+    commit(folder)
     return folder
 
 
-IDENTITY = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+def copy_tracked(source: Path, target: Path) -> None:
+    """Copy the files of a working tree that Git tracks or would track, as they are now."""
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=source, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    for name in listed.stdout.splitlines():
+        if (source / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source / name, target / name)
+
+
+def commit(folder: Path) -> None:
+    """Make a folder a Git repository with one commit."""
+    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
+    for command in (["init", "-q"], ["add", "-A"], ["commit", "-qm", "Clone"]):
+        subprocess.run(["git", *identity, *command], cwd=folder, check=True)
 
 
 @pytest.fixture(scope="session")

@@ -1,18 +1,38 @@
 """What a user may get wrong ends in one line that names it, and status 1."""
 
+import json
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
-from tests.pipeline.conftest import Run
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.images import write_jpeg
+from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from tests.pipeline.conftest import ROOT, Run
+
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+from real_images import copy_real  # noqa: E402
 
 
 def complaint(run: Run, *command: str) -> str:
-    """The last line of a stage that must fail without a traceback."""
-    result = run("python", *command)
+    """The last line of a command that must fail without a traceback."""
+    return last_line(run("python", *command))
+
+
+def last_line(result: subprocess.CompletedProcess[str]) -> str:
+    """The last line of what must have failed without a traceback."""
     assert result.returncode == 1, result.stdout
     assert "Traceback" not in result.stderr
-    return result.stderr.strip().splitlines()[-1]
+    line = result.stderr.strip().splitlines()[-1]
+    assert line.startswith("error: ")
+    return line
 
 
 @pytest.mark.parametrize(
@@ -29,7 +49,6 @@ def complaint(run: Run, *command: str) -> str:
 )
 def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) -> None:
     line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", override)
-    assert line.startswith("error: ")
     assert named in line
 
 
@@ -59,3 +78,155 @@ def test_empty_background_folder(run: Run, tmp_path: Path) -> None:
 def test_a_wrong_loss_weight_does_not_wait_for_the_render(run: Run, tmp_path: Path) -> None:
     line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", "loss.alpha=-1")
     assert line.startswith("error: params.yaml: loss.alpha = -1")
+
+
+@pytest.fixture
+def folder(clone: Path, tmp_path: Path) -> Path:
+    """A folder with the settings alone: stages that run in it find what a test puts there."""
+    shutil.copy(clone / "params.yaml", tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def stage(run: Run, clone: Path, folder: Path) -> Run:
+    """Runs a script of the clone's pipeline in `folder`, to write to `folder/written`."""
+
+    def run_stage(script: str, *overrides: str) -> subprocess.CompletedProcess[str]:
+        command = ("python", str(clone / "pipelines" / script), f"out={folder / 'written'}")
+        return run("env", f"--chdir={folder}", *command, *overrides)
+
+    return run_stage
+
+
+def write_shard(folder: Path, images: int) -> Path:
+    """A shard of small images with one shaft each."""
+    mask = np.zeros((64, 64), dtype=bool)
+    mask[20:30, 10:50] = True
+    box, pixels = mask_box(mask), int(mask.sum())
+    pose = ShaftPose(0.0, 0.0, 20.0, 70.0, 120.0)
+    shaft = Instrument(pose, mask, box, box, 1.0, pixels, pixels)
+    camera = Camera.from_field_of_view(64, 64, 95.0)
+    rgb = np.full((64, 64, 3), 90, dtype=np.uint8)
+    path = folder / shard_name(0)
+    with ShardWriter(path, 95) as writer:
+        for n in range(images):
+            writer.write(Sample(sample_key(n), rgb, (shaft,), camera, {"source": f"s{n}"}))
+    return path
+
+
+def test_a_truncated_shard(stage: Run, folder: Path) -> None:
+    path = write_shard(folder / "data/render/images", 4)
+    path.write_bytes(path.read_bytes()[:-15_000])
+    line = last_line(stage("split.py"))
+    assert f"{path.relative_to(folder)}: the shard is truncated" in line
+    assert "run `dvc repro -f render`" in line
+
+
+def test_a_checkpoint_of_another_variant(stage: Run, folder: Path) -> None:
+    identity = {"variant": "c", "width": 0.0625}
+    torch.save({"identity": identity, "state_dict": {}}, folder / "model.ckpt")
+    line = last_line(stage("export.py", "variant=d", f"model_folder={folder}"))
+    assert str(folder / "model.ckpt") in line
+    assert "'variant': 'c'" in line
+    assert "'variant': 'd'" in line
+
+
+def grey_image(path: Path) -> None:
+    write_jpeg(np.full((40, 60, 3), 90, dtype=np.uint8), path)
+
+
+def test_a_corrupt_background_is_passed_over(stage: Run, folder: Path) -> None:
+    photos = folder / "photos"
+    grey_image(photos / "a.jpg")
+    grey_image(photos / "c.jpg")
+    (photos / "b.jpg").write_bytes((photos / "a.jpg").read_bytes()[:200])
+    result = stage("backgrounds.py", f"backgrounds.source={photos}")
+    assert result.returncode == 0, result.stderr
+    assert f"skipped {photos / 'b.jpg'}" in result.stdout
+    assert "1 unreadable images were skipped" in result.stdout
+    index = (folder / "written" / "index.csv").read_text()
+    assert "a.jpg" in index
+    assert "b.jpg" not in index
+
+
+def test_corrupt_backgrounds_alone(stage: Run, folder: Path) -> None:
+    photos = folder / "photos"
+    photos.mkdir()
+    for name in ("a.jpg", "b.jpg"):
+        (photos / name).write_bytes(b"not a picture")
+    result = stage("backgrounds.py", f"backgrounds.source={photos}")
+    assert f"none of the 2 images in {photos}" in last_line(result)
+
+
+def write_real(folder: Path, boxes: dict[str, list[float]]) -> Path:
+    """A folder of real images, 60 x 40 px with one shaft each, the first of which train."""
+    names = sorted(boxes)
+    for name in names:
+        grey_image(folder / "images" / name)
+    for part, own in (("train", names[:1]), ("test", names[1:])):
+        content = {
+            "images": [
+                {"id": n, "file_name": f"images/{name}", "width": 60, "height": 40}
+                for n, name in enumerate(own)
+            ],
+            "annotations": [
+                {"image_id": n, "bbox": boxes[name], "segmentation": [[5, 5, 20, 5, 20, 20]]}
+                for n, name in enumerate(own)
+            ],
+        }
+        (folder / f"{part}.json").write_text(json.dumps(content))
+    return folder
+
+
+GOOD_BOXES = {"a.jpg": [5, 5, 15, 15], "b.jpg": [5, 5, 55.4, 15]}  # 60.4 of 60: rounded
+
+
+def test_a_real_box_outside_its_image(stage: Run, folder: Path) -> None:
+    real = write_real(folder / "real", GOOD_BOXES | {"a.jpg": [50, 5, 15, 15]})
+    line = last_line(stage("real_images.py", f"real.source={real}"))
+    assert f"{real / 'train.json'}: annotations[0]: the box [50.0, 5.0, 15.0, 15.0]" in line
+    assert "images/a.jpg" in line
+
+
+def test_a_missing_real_image(stage: Run, folder: Path) -> None:
+    real = write_real(folder / "real", GOOD_BOXES)
+    (real / "images/b.jpg").unlink()
+    line = last_line(stage("real_images.py", f"real.source={real}"))
+    assert f"{real / 'test.json'}: names {real / 'images/b.jpg'}" in line
+
+
+# Starting a stage takes seconds: what follows calls its function.
+
+
+def test_good_real_images_replace_those_of_an_earlier_run(tmp_path: Path) -> None:
+    real, out = write_real(tmp_path / "real", GOOD_BOXES), tmp_path / "out"
+    (out / "images").mkdir(parents=True)
+    (out / "images/a.jpg").write_bytes(b"an older image")
+    copy_real(real, out)
+    for name in ("images/a.jpg", "images/b.jpg", "train.json", "test.json"):
+        assert (out / name).read_bytes() == (real / name).read_bytes()
+
+
+def test_a_corrupt_real_image(tmp_path: Path) -> None:
+    real = write_real(tmp_path / "real", GOOD_BOXES)
+    (real / "images/a.jpg").write_bytes((real / "images/a.jpg").read_bytes()[:200])
+    with pytest.raises(InputError, match=r"images/a\.jpg: not a readable image"):
+        copy_real(real, tmp_path / "out")
+
+
+def test_a_real_image_in_both_parts(tmp_path: Path) -> None:
+    real = write_real(tmp_path / "real", GOOD_BOXES)
+    shutil.copy(real / "test.json", real / "train.json")
+    with pytest.raises(InputError, match=r"b\.jpg is in train\.json and in test\.json"):
+        copy_real(real, tmp_path / "out")
+
+
+def test_polygons_are_needed_in_tests_alone(tmp_path: Path) -> None:
+    real = write_real(tmp_path / "real", GOOD_BOXES)
+    for part in ("train", "test"):
+        path = real / f"{part}.json"
+        content = json.loads(path.read_text())
+        content["annotations"][0]["segmentation"] = []
+        path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"test\.json: the shaft of b\.jpg.*`segmentation`"):
+        copy_real(real, tmp_path / "out")

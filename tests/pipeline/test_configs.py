@@ -38,6 +38,7 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
     config = composed(f"variant={variant}", f"profile={profile}")
     assert networks.variant(config).name == variant
     assert settings.size(config).steps > settings.size(config).warmup_steps
+    assert settings.size(config).steps >= settings.size(config).validate_every
     assert settings.render_settings(config).samples == config["size"]["samples"]
 
 

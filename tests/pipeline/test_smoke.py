@@ -7,7 +7,7 @@ from pathlib import Path
 import mlflow
 import pytest
 
-from tests.pipeline.conftest import Run, replace_in
+from tests.pipeline.conftest import Run, commit, copy_tracked, replace_in
 
 VARIANTS = ("c", "d", "d_noise", "d_noise_real")
 
@@ -62,6 +62,19 @@ def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None
 
 def test_second_run_does_nothing(finished: Path, run: Run) -> None:
     result = run("dvc", "repro")
+    assert "Running stage" not in result.stdout
+    assert "up to date" in result.stdout
+
+
+def test_a_fresh_clone_of_what_git_holds_runs_nothing(
+    finished: Path, run: Run, tmp_path: Path
+) -> None:
+    """Lock file, metrics and code tell that the results are up to date; data are not needed."""
+    copy_tracked(finished, tmp_path)
+    commit(tmp_path)
+    assert not (tmp_path / "data/render").exists()
+    result = run("dvc", "--cd", str(tmp_path), "repro", "--dry", "--allow-missing")
+    assert result.returncode == 0, result.stderr
     assert "Running stage" not in result.stdout
     assert "up to date" in result.stdout
 

@@ -1,13 +1,15 @@
 """Sampled poses, checked against dense points of the shafts' axes instead of formulas."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
+from shaftpose.config import PoseRanges, RenderSettings
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
@@ -146,7 +148,51 @@ def test_ranges_that_show_no_shaft_are_refused(
     beside = replace(settings.poses, x_mm=(300.0, 400.0))
     scene = replace(settings.scene, instruments=(1, 1))
     blind = PoseSampler(camera, beside, settings.shaft, scene)
-    with pytest.raises(InputError, match="widen the pose ranges") as caught:
+    with pytest.raises(InputError, match="10000 for a tip outside the image") as caught:
         blind(np.random.default_rng(8))
+    assert "poses.x_mm" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(draws) == 10_000
+
+
+NEARLY_ONE_POSE = PoseRanges(
+    x_mm=(0, 0.01), y_mm=(0, 0.01), z_mm=(30, 30.01), pitch_deg=(70, 70.01), yaw_deg=(0, 0.01)
+)
+
+
+@pytest.mark.parametrize(
+    ("scene", "why", "setting"),
+    [
+        ({"lens_radius_mm": 1000.0}, "cuts the lens", "scene.lens_radius_mm"),
+        ({"instruments": (2, 2)}, "cut each other", "scene.instruments"),
+        ({"min_visible_px": 90_000}, "too few pixels", "scene.min_visible_px"),
+    ],
+)
+def test_the_refusal_names_its_reason_and_settings(
+    camera: Camera,
+    with_scene: Callable[..., RenderSettings],
+    monkeypatch: pytest.MonkeyPatch,
+    scene: dict[str, Any],
+    why: str,
+    setting: str,
+) -> None:
+    monkeypatch.setattr("shaftpose.rendering.poses.MOST_TRIES", 20)
+    settings = with_scene(**({"instruments": (1, 1)} | scene))
+    blind = PoseSampler(camera, NEARLY_ONE_POSE, settings.shaft, settings.scene)
+    with pytest.raises(InputError, match=f"refused: 20 for .*{why}") as caught:
+        blind(np.random.default_rng(9))
+    assert setting in str(caught.value)
+
+
+def test_the_commonest_reason_comes_first(
+    camera: Camera, with_scene: Callable[..., RenderSettings], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shaftpose.rendering.poses.MOST_TRIES", 200)
+    settings = with_scene(min_visible_px=90_000, instruments=(1, 1))
+    blind = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
+    with pytest.raises(InputError) as caught:
+        blind(np.random.default_rng(10))
+    counts = [int(count) for count in re.findall(r"(\d+) for ", str(caught.value))]
+    assert len(counts) > 1
+    assert counts == sorted(counts, reverse=True)
+    assert sum(counts) == 200

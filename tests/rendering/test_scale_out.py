@@ -1,20 +1,26 @@
 """Whole sets rendered by worker processes: the same bytes whatever happens on the way."""
 
+import logging
 import os
+import shutil
 import signal
+import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from blender_process import start_python
 
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.rendering import jobs
-from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering import jobs, scale_out
+from shaftpose.rendering.jobs import RenderedSet, Shard, link_shards
 from shaftpose.rendering.scale_out import render_set
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.shards import ShardedDataset, sample_key
@@ -128,16 +134,93 @@ def kill_once_exists(process: subprocess.Popen[str], path: Path) -> None:
     assert path.exists(), output
 
 
-def test_the_remains_of_a_killed_worker_are_overwritten(
+@pytest.fixture
+def finished(rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path) -> list[Shard]:
+    """The shards of `undisturbed` once more, in `tmp_path/scratch`."""
+    shutil.copytree(undisturbed[0], tmp_path / "scratch")
+    return rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
+
+
+def test_what_a_dead_worker_left_is_removed(
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], finished: list[Shard], tmp_path: Path
+) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    path = finished[0].path
+    path.unlink()
+    remains = path.with_name(f"{path.name}.{socket.gethostname()}.{dead.pid}.part")
+    remains.write_bytes(b"half a shard" * 100_000)
+    render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
+    assert not list(path.parent.glob("*.part"))
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def cut_short(path: Path) -> None:
+    """Truncate a file in place, as a full disk or an interrupted copy does."""
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def test_a_truncated_shard_in_scratch_is_rendered_again(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    finished: list[Shard],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    cut_short(finished[1].path)
+    others = [identity(shard.path) for shard in (finished[0], finished[2])]
+    with caplog.at_level(logging.WARNING, logger=scale_out.__name__):
+        render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{finished[1].path} is truncated or damaged: rendering it again"
+    ]
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+    assert [identity(shard.path) for shard in (finished[0], finished[2])] == others
+
+
+def test_a_truncated_shard_in_out_is_mended_by_running_again(
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], finished: list[Shard], tmp_path: Path
+) -> None:
+    out, shard = tmp_path / "out", finished[0].path
+    render_set(rendered, tmp_path / "scratch", out, workers=1)
+    cut_short(out / shard.name)
+    assert shard.read_bytes() == (out / shard.name).read_bytes()  # one file, two names
+    with pytest.raises(InputError, match="dvc repro -f render"):
+        ShardedDataset(out)
+    render_set(rendered, tmp_path / "scratch", out, workers=1)
+    assert contents(out) == contents(undisturbed[1])
+    assert shard.read_bytes() == (undisturbed[1] / shard.name).read_bytes()
+    assert shard.samefile(out / shard.name)
+
+
+def test_two_runs_in_one_scratch_folder_do_not_disturb_each_other(
     rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    shards = rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
-    shards[0].path.parent.mkdir(parents=True)
-    for shard in shards[1:]:
-        shard.path.write_bytes((undisturbed[1] / shard.path.name).read_bytes())
-    shards[0].path.with_suffix(".tar.part").write_bytes(b"half a shard" * 100_000)
-    render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
-    assert contents(tmp_path / "out") == contents(undisturbed[1])
+    one_shard = replace(rendered, images=PER_SHARD)
+    outs = [tmp_path / "out", tmp_path / "other"]
+    with ThreadPoolExecutor() as pool:
+        runs = [pool.submit(render_set, one_shard, tmp_path / "scratch", o, 1) for o in outs]
+    for run, out in zip(runs, outs, strict=True):
+        run.result()
+        first = rendered.shards(out)[0].path
+        assert contents(out) == {first.name: (undisturbed[1] / first.name).read_bytes()}
+    left = {path.suffix for path in (tmp_path / "scratch" / one_shard.fingerprint()).iterdir()}
+    assert left == {".tar", ".log"}
+
+
+def test_another_run_may_have_linked_a_shard_just_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, path = os.link, tmp_path / "shard-000000.tar"
+    path.write_bytes(b"a shard")
+
+    def link_twice(source: Path, target: Path) -> None:
+        link(source, target)
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", link_twice)
+    link_shards([Shard(path, 0, 1)], tmp_path / "out")
+    assert path.samefile(tmp_path / "out" / path.name)
 
 
 def test_a_failing_worker_names_the_file_and_keeps_finished_shards(
@@ -182,19 +265,41 @@ def test_a_worker_that_crashes_leaves_its_log(
     assert "gone.jpg" in log.read_text()
 
 
+# Instead of a worker: the first waits for the second to be there, then fails; the second would go
+# on for ten minutes.
+FAIL_OR_GO_ON = """
+import sys, time
+from pathlib import Path
+log = Path(sys.argv[1])
+there = log.with_name("there")
+if log.name == "shard-000000.log":
+    while not there.exists():
+        time.sleep(0.02)
+    sys.exit(1)
+there.touch()
+time.sleep(600)
+"""
+
+
 def test_a_failure_stops_all_other_workers(
-    settings: RenderSettings, backgrounds: Mapping[Path, str], tmp_path: Path
+    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    good, bad = next(iter(backgrounds)), tmp_path / "broken.jpg"
-    bad.write_bytes(b"this is no picture")
-    files = {bad: "bad", good: "good"}
-    settings = replace(settings, samples=1)
-    # The first shard fails at once; the others would be rendered for minutes.
-    rendered = RenderedSet(settings, files, good_then_bad(settings, bad, good), 2000, 1000)
-    before = time.monotonic()
-    with pytest.raises(InputError, match="not a readable image"):
-        render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
-    assert time.monotonic() - before < 30
+    started: list[subprocess.Popen[str]] = []
+
+    class Recorded(subprocess.Popen[str]):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Recorded)
+    monkeypatch.setattr(
+        scale_out, "_command", lambda job, log: [sys.executable, "-c", FAIL_OR_GO_ON, str(log)]
+    )
+    two_shards = replace(rendered, images=2 * PER_SHARD)
+    with pytest.raises(InputError, match=r"shard-000000\.tar failed"):
+        render_set(two_shards, tmp_path / "scratch", tmp_path / "out", workers=2)
+    assert sorted(process.returncode for process in started) == [-signal.SIGTERM, 1]
+    assert not (tmp_path / "out").exists()
 
 
 def test_fingerprint_changes_with_whatever_changes_the_images(

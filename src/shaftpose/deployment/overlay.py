@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import Image
+from shaftpose.instruments import Annotations, Detections
 
 Colour = tuple[int, int, int]
 
@@ -16,6 +17,32 @@ TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
 _TEXT_PX = 13
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
+
+
+def draw_annotations(image: Image, known: Annotations, camera: Camera, text: bool = True) -> Image:
+    """The image (H, W, 3) RGB with what is known of it: boxes and, if there are any, poses."""
+    drawn = draw_boxes(image, known.boxes, TRUTH)
+    return drawn if known.poses is None else draw_poses(drawn, known.poses, camera, TRUTH, text)
+
+
+def draw_detections(image: Image, found: Detections, camera: Camera) -> Image:
+    """The image with boxes and poses that were found in it."""
+    return draw_poses(draw_boxes(image, found.boxes, FOUND), found.poses, camera, FOUND)
+
+
+def prediction_sheet(
+    images: Sequence[Image],
+    known: Sequence[Annotations],
+    found: Sequence[Detections],
+    camera: Camera,
+    columns: int,
+) -> Image:
+    """Images of one size side by side, with what is there (green) and what was found (yellow)."""
+    drawn = [
+        draw_detections(draw_annotations(image, there, camera, text=False), detections, camera)
+        for image, there, detections in zip(images, known, found, strict=True)
+    ]
+    return contact_sheet(drawn, columns)
 
 
 def draw_boxes(image: Image, boxes: NDArray[np.float64], colour: Colour) -> Image:
@@ -48,6 +75,13 @@ def draw_poses(
         cv2.circle(drawn, tip, 3, colour, 1, cv2.LINE_AA)
         if text:
             _write(drawn, pose_text(pose), (4, image.shape[0] - 5 - _TEXT_PX * row), colour)
+    return drawn
+
+
+def draw_caption(image: Image, text: str) -> Image:
+    """The image with a line of white text in its upper left corner."""
+    drawn = image.copy()
+    _write(drawn, text, (4, _TEXT_PX + 2), (255, 255, 255))
     return drawn
 
 

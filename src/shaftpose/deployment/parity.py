@@ -1,5 +1,7 @@
 """Does the exported file do what the PyTorch detector does?"""
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,24 +20,26 @@ TIE = 1e-4
 
 @dataclass(frozen=True)
 class Parity:
-    """Largest differences between matched detections; poses in mm and deg.
+    """Counts of detections, and the largest differences of those that both sides have; mm and deg.
 
-    tied: detections of PyTorch that the file replaced by a neighbour of equal score; missing: those
-    without such an excuse.
+    detections: those of PyTorch; missing: those that the file lacks; extra: those that the file
+    alone has; tied: those that one side alone has because rounding chose among equal scores.
     """
 
     images: int
     detections: int
     tied: int
     missing: int
+    extra: int
     score: float
     box_px: float
     pose: float
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is missing and every difference is within its tolerance."""
-        return self.missing == 0 and self.score <= SCORE_TOLERANCE and self.pose <= POSE_TOLERANCE
+        """Whether nothing is missing or extra and every difference is within its tolerance."""
+        same = self.missing == self.extra == 0
+        return same and self.score <= SCORE_TOLERANCE and self.pose <= POSE_TOLERANCE
 
 
 def check_parity(
@@ -43,47 +47,107 @@ def check_parity(
 ) -> Parity:
     """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB."""
     with torch.inference_mode():
-        boxes, scores, poses = detector.eval()(torch.from_numpy(images))
-    found = predictor(images)
-    pairs, tied, missing = [], 0, 0
-    for n in range(len(images)):
-        known = Detections(*(t[n].double().numpy() for t in (boxes, scores, poses)))
-        for row in np.flatnonzero(known.scores >= least_score):
-            twin = _twin(found[n], known.boxes[row])
-            if twin is not None:
-                pairs.append(_differences(known, int(row), found[n], twin))
-            elif _lost_a_tie(found[n], known.boxes[row], known.scores[row]):
-                tied += 1
-            else:
-                missing += 1
-    score, box, pose = np.max(pairs, axis=0).tolist() if pairs else (0.0, 0.0, 0.0)
-    return Parity(len(images), len(pairs) + tied + missing, tied, missing, score, box, pose)
+        outputs = detector.eval()(torch.from_numpy(images))
+    boxes, scores, poses = (values.double().numpy() for values in outputs)
+    detections, differences, singles = 0, [(0.0, 0.0, 0.0)], Counter[str]()
+    for n, found in enumerate(predictor(images)):
+        there = scores[n] > 0  # the rest is padding
+        known = Detections(boxes[n, there], scores[n, there], poses[n, there])
+        detections += int(np.sum(known.scores >= least_score))
+        pairs = _pairs(known, found)
+        differences += [
+            _differences(known, row, found, twin)
+            for row, twin in pairs.items()
+            if known.scores[row] >= least_score
+        ]
+        singles += _verdicts(_singles(known, found, pairs, boxes.shape[1]), least_score)
+    score, box_px, pose = np.max(differences, axis=0).tolist()
+    return Parity(
+        images=len(images),
+        detections=detections,
+        tied=singles["tied"],
+        missing=singles["missing"],
+        extra=singles["extra"],
+        score=score,
+        box_px=box_px,
+        pose=pose,
+    )
 
 
-def _twin(found: Detections, box: NDArray[np.float64]) -> int | None:
-    """The detection whose corners lie nearest to those of `box`, if within the tolerance."""
-    if not len(found.boxes):
-        return None
-    distance = np.abs(found.boxes - box).max(axis=1)
-    best = int(distance.argmin())
-    return best if distance[best] <= BOX_TOLERANCE_PX else None
+def _pairs(known: Detections, found: Detections) -> dict[int, int]:
+    """Rows of `known` -> rows of `found` whose corners agree within the tolerance, nearest first;
+    each row is in one pair at most."""
+    distance = np.abs(known.boxes[:, None] - found.boxes[None]).max(axis=2)
+    near = np.argwhere(distance <= BOX_TOLERANCE_PX)
+    order = np.argsort(distance[tuple(near.T)], kind="stable")
+    pairs: dict[int, int] = {}
+    for row, twin in near[order].tolist():
+        if row not in pairs and twin not in pairs.values():
+            pairs[row] = twin
+    return pairs
 
 
-def _lost_a_tie(found: Detections, box: NDArray[np.float64], score: float) -> bool:
-    """Whether rounding alone may have dropped a detection: an overlapping one has the same score,
-    or the file's list is full of scores as good. A network that is hardly trained ties often."""
-    if not len(found.boxes):
-        return False
-    equal = np.abs(found.scores - score) <= TIE
-    overlapping = box_iou(found.boxes, box[None])[:, 0] > 0
-    return bool((equal & overlapping).any() or found.scores.min() >= score - TIE)
-
-
-def _differences(known: Detections, row: int, found: Detections, twin: int) -> list[float]:
+def _differences(
+    known: Detections, row: int, found: Detections, twin: int
+) -> tuple[float, float, float]:
+    """Of score, box and pose."""
     pose = np.abs(known.poses[row] - found.poses[twin])
     pose[4] = min(pose[4], 360 - pose[4])  # yaw 359.9 and 0.1 are neighbours
-    return [
+    return (
         float(abs(known.scores[row] - found.scores[twin])),
         float(np.abs(known.boxes[row] - found.boxes[twin]).max()),
         float(pose.max()),
-    ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Single:
+    """A detection that one side alone has.
+
+    crowded_out: both lists are full, and all that the other one holds scores as well or better.
+    """
+
+    box: NDArray[np.float64]
+    score: float
+    in_file: bool
+    crowded_out: bool
+
+
+def _singles(
+    known: Detections, found: Detections, pairs: Mapping[int, int], most: int
+) -> list[_Single]:
+    """The detections without a pair; each side lists `most` at most."""
+    full = len(known.boxes) == len(found.boxes) == most
+    singles = []
+    for own, other, paired, in_file in (
+        (known, found, pairs.keys(), False),
+        (found, known, pairs.values(), True),
+    ):
+        for row in set(range(len(own.boxes))) - set(paired):
+            crowded_out = full and bool(own.scores[row] <= other.scores.min() + TIE)
+            singles.append(_Single(own.boxes[row], own.scores[row], in_file, crowded_out))
+    return singles
+
+
+def _verdicts(singles: Sequence[_Single], least_score: float) -> Counter[str]:
+    """How many of at least `least_score` are "tied", "missing" and "extra".
+
+    Rounding may keep another of two overlapping boxes of equal score. Then what the one suppressed
+    and the other does not follows. A network that is hardly trained ties often.
+    """
+    tied: list[_Single] = []
+    for single in sorted(singles, key=lambda single: -single.score):
+        rivals = (o for o in singles if o.in_file != single.in_file and _overlap(o, single))
+        if single.crowded_out or any(
+            abs(rival.score - single.score) <= TIE or rival in tied for rival in rivals
+        ):
+            tied.append(single)
+    return Counter(
+        "tied" if single in tied else "extra" if single.in_file else "missing"
+        for single in singles
+        if single.score >= least_score
+    )
+
+
+def _overlap(a: _Single, b: _Single) -> bool:
+    return bool(box_iou(a.box[None], b.box[None])[0, 0] > 0)

@@ -19,7 +19,8 @@ class VariantRow:
     """One trained variant.
 
     `metrics` are those of `Metrics.as_dict()` (means over `seeds`); `width` is the backbone's
-    channel multiplier; `parameters` counts the network's weights. `title` is needed only by
+    channel multiplier; `parameters` counts the network's weights. `mixed_in_images` are real, or
+    stand-in, images that it was trained on besides `training_images`. `title` is needed only by
     variants that the paper does not have.
     """
 
@@ -32,6 +33,7 @@ class VariantRow:
     width: float
     seeds: tuple[int, ...]
     parameters: int
+    mixed_in_images: int = 0
     title: str = ""
 
 
@@ -47,10 +49,10 @@ class Champion:
 class AblationReport:
     """Everything the report shows.
 
-    `constant`: metrics of the constant predictor. `silhouette`: by variant and set of images
-    (`rendered/clear`, `rendered/occluded`, `real/clear`, `real/occluded`) the fields of a
-    `SilhouetteScore`. `domain_label`: what the "real" domain was in this study, `stand-in` or
-    `real`. `figures`: PNG files by title.
+    `constant`: metrics of the constant predictor. `domain_label`: what the "real" domain was in
+    this study, `stand-in` or `real`. `silhouette`: by variant and set of images
+    (`rendered/clear`, `rendered/occluded` and the same of the domain, such as `stand-in/clear`)
+    the fields of a `SilhouetteScore`. `figures`: PNG files by title.
     """
 
     rows: list[VariantRow]
@@ -71,11 +73,11 @@ class AblationReport:
 def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
     """The paper's title of a variant, or else its own (its name if it has none).
 
-    If stand-ins were used for real images, a title that speaks of "real" says so.
+    If stand-ins were used for real images, "D + real" is called "D + stand-in".
     """
     title = TABLE_I[variant].title if variant in TABLE_I else own_title or variant
-    mixed_in_stand_ins = domain_label == STAND_IN and REAL in title.split(" + ")
-    return f"{title} ({STAND_IN})" if mixed_in_stand_ins else title
+    parts = title.split(" + ")
+    return " + ".join(domain_label if part == REAL else part for part in parts)
 
 
 def choose_champion(rows: Sequence[VariantRow], margin: float) -> Champion:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from shaftpose.evaluation import paper_tables
 from shaftpose.evaluation.ablation import MetricValues, VariantRow, variant_title
@@ -36,20 +37,20 @@ ABLATION_PANELS = {
 
 def precision_recall_figure(curves: Mapping[str, PrecisionRecall]) -> Figure:
     """Precision against recall, a line for each title."""
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+    figure = _figure(11.0, 5.4)
     axes = figure.subplots()
     for index, (title, curve) in enumerate(curves.items()):
         label = f"{title} (AP {average_precision(curve):.3f})"
         axes.plot(curve.recall, curve.precision, label=label, **_line(index))
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02))
     _finish(axes, "recall", "precision")
-    axes.legend(loc="lower left", frameon=False, fontsize=9, labelcolor=INK)
+    _legend(figure, axes)
     return figure
 
 
 def pose_error_figure(errors: PoseErrors) -> Figure:
     """For each dimension of the pose, the absolute error by true value and its histogram."""
-    figure = Figure(figsize=(14.0, 5.8), layout="constrained")
+    figure = _figure(15.0, 5.8)
     panels = figure.subplots(2, len(POSE_LABELS))
     for dimension, label in enumerate(POSE_LABELS):
         absolute, true = errors.absolute[:, dimension], errors.true_poses[:, dimension]
@@ -66,7 +67,7 @@ def learning_curve_figure(curves: Mapping[str, Sequence[tuple[int, str, float]]]
     names = list(dict.fromkeys(name for rows in curves.values() for _, name, _ in rows))
     columns = min(3, max(1, len(names)))
     lines = -(-max(1, len(names)) // columns)
-    figure = Figure(figsize=(5.0 * columns, 3.4 * lines + 0.5), layout="constrained")
+    figure = _figure(5.0 * columns, 2.8 * lines + 0.5)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, name in zip(panels, names, strict=False):
         _draw_learning(axes, name, curves)
@@ -81,7 +82,7 @@ def ablation_figure(
     rows: Sequence[VariantRow], constant: MetricValues, domain_label: str
 ) -> Figure:
     """Bars of each variant's metrics, with the paper's values and the constant predictor's."""
-    figure = Figure(figsize=(12.0, 2.2 + 1.05 * len(rows)), layout="constrained")
+    figure = _figure(12.0, 2.2 + 1.05 * len(rows))
     panels = figure.subplots(3, 3, sharey=True).ravel()
     for axes, (name, label) in zip(panels, ABLATION_PANELS.items(), strict=True):
         _draw_ablation(axes, name, rows, constant)
@@ -98,6 +99,11 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a PNG whose bytes depend on the figure alone: no date, no software version."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, format="png", dpi=150, facecolor="white", metadata={"Software": None})
+
+
+def _figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches whose panels keep their tick labels apart."""
+    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
 
 
 def _draw_quartiles(axes: Axes, true: Array, absolute: Array) -> None:
@@ -159,6 +165,16 @@ def _draw_ablation(
     if np.isfinite(level):
         axes.axvline(level, color=SOFT, linestyle="--", label="constant predictor")
     axes.set_xlim(left=0)
+    for index in np.flatnonzero(np.isnan(values)):  # no bar at all would look like no error
+        _say_missing(axes, beside=0.0 if np.isnan(paper[index]) else paper[index], row=index)
+
+
+def _say_missing(axes: Axes, beside: float, row: int) -> None:
+    """That we have no value, in the colour of our bars."""
+    axes.annotate(
+        "n/a", (beside, row), xytext=(7, 0), textcoords="offset points",
+        color=COLOURS[0], fontsize=9, va="center",
+    )  # fmt: skip
 
 
 def _number(value: float | int | None) -> float:
@@ -173,6 +189,7 @@ def _line(index: int) -> dict[str, Any]:
 
 def _say_empty(axes: Axes) -> None:
     axes.text(0.5, 0.5, "no matched instrument", transform=axes.transAxes, color=SOFT, ha="center")
+    axes.set(xticks=[], yticks=[])
 
 
 def _finish(axes: Axes, x_label: str, y_label: str) -> None:

@@ -18,7 +18,7 @@ class Metrics:
     """What is measured on a test set; None is "not measured" or "undefined" (JSON null).
 
     `x_mm` to `tip_mm` are means over the matched instruments. `detections` counts those of at
-    least the confidence threshold. `iou` and `fps` are measured elsewhere and may be added.
+    least the confidence threshold. `fps` is measured elsewhere and may be added.
     """
 
     mAP: float | None
@@ -33,7 +33,6 @@ class Metrics:
     images: int
     instruments: int
     detections: int
-    iou: float | None = None
     fps: float | None = None
 
     def as_dict(self) -> dict[str, float | int | None]:

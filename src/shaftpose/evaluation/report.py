@@ -52,9 +52,7 @@ def to_json(report: AblationReport) -> str:
         "variants": [_json_row(row, report.domain_label) for row in report.rows],
         "constant_predictor": _finite(report.constant),
         "silhouette": {
-            variant: {
-                _json_set(name, report.domain_label): _finite(score) for name, score in sets.items()
-            }
+            variant: {name: _finite(score) for name, score in sets.items()}
             for variant, sets in report.silhouette.items()
         },
         "paper_silhouette": {
@@ -122,12 +120,6 @@ def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:
         "metrics": _finite(row.metrics),
         "paper": asdict(paper) if paper else None,
     }
-
-
-def _json_set(name: str, domain_label: str) -> str:
-    """`real/clear` under the name of what was measured, so `stand-in/clear` for stand-ins."""
-    domain, _, occlusion = name.partition("/")
-    return f"{domain_label}/{occlusion}" if domain == "real" else name
 
 
 def _finite(values: MetricValues) -> dict[str, float | int | None]:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 from shaftpose.evaluation import paper_tables
 from shaftpose.evaluation.ablation import (
+    REAL,
     STAND_IN,
     AblationReport,
     MetricValues,
@@ -14,7 +15,7 @@ from shaftpose.evaluation.ablation import (
 )
 
 MISSING = "n/a"
-PAPER_DOMAINS = {"rendered": "artificial", "real": "real"}
+RENDERED = "rendered"
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Column:
     decimals: int
 
 
-SCALE = (Column("training_images", "Images", 0), Column("steps", "Steps", 0))
+SCALE = (Column("training_images", "Training images", 0), Column("steps", "Steps", 0))
 TABLE_I_METRICS = (
     Column("mAP", "mAP", 3),
     Column("detected_rate", "Detected rate", 3),
@@ -105,16 +106,18 @@ def table_i(report: AblationReport) -> list[ComparedRow]:
 def table_ii(report: AblationReport) -> list[ComparedRow]:
     """Rendered images, then real images or their stand-ins; a line for each variant measured."""
     own_titles = {row.variant: row.title for row in report.rows}
+    # Ours, the one of the paper's tables and the paper's word for it.
+    domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
     return [
         ComparedRow(
             title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
-            paper=_paper_silhouette_cells(variant, domain),
+            paper=_paper_silhouette_cells(variant, paper_domain),
             ours=_cells(_by_set(sets, domain), TABLE_II_COLUMNS),
-            domain=label,
-            paper_domain=PAPER_DOMAINS[domain],
+            domain=domain,
+            paper_domain=paper_word,
             champion=variant == report.champion.variant,
         )
-        for domain, label in (("rendered", "rendered"), ("real", report.domain_label))
+        for domain, paper_domain, paper_word in domains
         for variant, sets in report.silhouette.items()
         if any(name.startswith(f"{domain}/") for name in sets)
     ]
@@ -151,16 +154,23 @@ def table_i_scale(report: AblationReport) -> list[str]:
         "Errors are means over the instruments that were found; those of the constant predictor, "
         "which gives every image the training set's mean box and pose, over all instruments.",
     ]
-    if report.domain_label == STAND_IN:
-        notes.append(
-            f"({STAND_IN}): the paper trained this variant with real images, we with {STAND_IN} "
-            "images in their place."
-        )
+    notes += [_mixed_in(row, report.domain_label) for row in rows if row.mixed_in_images]
     if any(len(row.seeds) < 2 for row in rows):
         notes.append(
             "Variants with one seed were trained once: how much a repeat would differ is not known."
         )
     return notes
+
+
+def _mixed_in(row: VariantRow, domain_label: str) -> str:
+    """How many images of the real domain, or its stand-in, a variant was trained on."""
+    title = variant_title(row.variant, domain_label, row.title)
+    images = f"{row.mixed_in_images:,} {domain_label} images"
+    sentence = f"{title}: {images} were mixed in with the rendered ones"
+    paper = paper_tables.TABLE_I.get(row.variant)
+    if domain_label == STAND_IN and paper:
+        sentence += f", where the paper's {paper.title} has real ones"
+    return f"{sentence}."
 
 
 def table_ii_scale(report: AblationReport) -> list[str]:

@@ -7,6 +7,8 @@ from torch import Tensor
 
 from shaftpose.batches import Batch
 from shaftpose.errors import InputError
+from shaftpose.network.decoding import decode
+from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
@@ -39,7 +41,7 @@ class ShaftModule(LightningModule):
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The scalar loss of a batch; it stops the training if it is no longer a number."""
-        terms = self._loss_terms(batch)
+        terms = self._loss_terms(self._outputs(batch), batch)
         if not torch.isfinite(terms.total):
             raise InputError(
                 f"the training loss is {terms.total.item()} at step {self.global_step}: "
@@ -48,9 +50,15 @@ class ShaftModule(LightningModule):
         self._log_terms("training", terms, len(batch.images))
         return terms.total
 
-    def validation_step(self, batch: Batch, batch_index: int) -> None:
-        """Log the loss of a batch that is not trained on."""
-        self._log_terms("validation", self._loss_terms(batch), len(batch.images))
+    def validation_step(self, batch: Batch, batch_index: int) -> dict[str, Tensor]:
+        """Log the loss of a batch that is not trained on.
+
+        Returns the instruments found as `boxes`, `scores` and `poses` (see `DecodedOutputs`), at
+        the thresholds that `decode` has by itself.
+        """
+        outputs, network = self._outputs(batch), self.network
+        self._log_terms("validation", self._loss_terms(outputs, batch), len(batch.images))
+        return decode(outputs, network.defaults, network.pose_coder)._asdict()
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Adam, its learning rate multiplied by `learning_rate_factor` at every step."""
@@ -72,8 +80,10 @@ class ShaftModule(LightningModule):
         """Write the network's identity beside its weights."""
         checkpoint["identity"] = dict(self.identity)
 
-    def _loss_terms(self, batch: Batch) -> LossTerms:
-        outputs = self.network(normalise_images(batch.images))
+    def _outputs(self, batch: Batch) -> HeadOutputs:
+        return self.network(normalise_images(batch.images))
+
+    def _loss_terms(self, outputs: HeadOutputs, batch: Batch) -> LossTerms:
         return self.loss(outputs, batch.targets, self.network.defaults, self.network.pose_coder)
 
     def _log_terms(self, phase: str, terms: LossTerms, batch_size: int) -> None:

@@ -78,5 +78,7 @@ def link_shards(shards: Sequence[Shard], out: Path) -> None:
         target.unlink(missing_ok=True)
         try:
             os.link(shard.path, target)
+        except FileExistsError:  # another run of the same set has just put its shard there
+            continue
         except OSError:
             shutil.copyfile(shard.path, target)

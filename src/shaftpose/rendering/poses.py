@@ -4,7 +4,9 @@ A pose is drawn again if its tip projects outside the image, if too little of it
 cuts the lens or if it cuts another shaft (paper, Table of ranges; the rest is this project's).
 """
 
+from collections import Counter
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
@@ -15,6 +17,15 @@ from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, segment_distan
 MOST_TRIES = 10_000
 # Visibility is judged on every fourth pixel in each direction: exact enough for a threshold.
 _STRIDE = 4
+
+
+class Refusal(Enum):
+    """Why poses are drawn again, and the settings of params.yaml that decide it."""
+
+    TIP = "a tip outside the image (poses.x_mm, poses.y_mm, poses.z_mm, camera.view_deg)"
+    LENS = "a shaft that cuts the lens (scene.lens_radius_mm, poses.z_mm, poses.pitch_deg)"
+    CUT = "shafts that cut each other (scene.instruments, shaft.diameter_mm)"
+    UNSEEN = "too few pixels in view (scene.min_visible_px, scene.instruments, shaft.diameter_mm)"
 
 
 @dataclass(frozen=True)
@@ -37,28 +48,35 @@ class PoseSampler:
     def __call__(self, rng: np.random.Generator) -> SampledPoses:
         """Poses of all shafts of one image.
 
-        Raises InputError after a bounded number of draws if the ranges show no shaft.
+        Raises InputError after a bounded number of draws, naming what refused them.
         """
         fewest, most = self.scene.instruments
         count = int(rng.integers(fewest, most + 1))
+        refusals: Counter[Refusal] = Counter()
         for tries in range(1, MOST_TRIES + 1):
             poses = [self._draw(rng) for _ in range(count)]
-            if self._acceptable(poses):
+            refusal = self._refusal(poses)
+            if refusal is None:
                 return SampledPoses(tuple(poses), tries * max(count, 1))
+            refusals[refusal] += 1
+        found = "; ".join(f"{times} for {why.value}" for why, times in refusals.most_common())
         raise InputError(
-            f"params.yaml: poses and scene: none of {MOST_TRIES} draws of {count} shaft(s) was "
-            "acceptable; widen the pose ranges or lower scene.min_visible_px"
+            f"params.yaml: {MOST_TRIES} draws of {count} shaft(s) were refused: {found}; "
+            "change the settings named first"
         )
 
     def _draw(self, rng: np.random.Generator) -> ShaftPose:
         return ShaftPose.from_array(rng.uniform(self.ranges.low, self.ranges.high))
 
-    def _acceptable(self, poses: list[ShaftPose]) -> bool:
-        return (
-            all(self._tip_in_view(pose) and self._clear_of_lens(pose) for pose in poses)
-            and self._apart(poses)
-            and self._enough_visible(poses)
-        )
+    def _refusal(self, poses: list[ShaftPose]) -> Refusal | None:
+        """The first reason to refuse the poses of an image; None if they are acceptable."""
+        if not all(map(self._tip_in_view, poses)):
+            return Refusal.TIP
+        if not all(map(self._clear_of_lens, poses)):
+            return Refusal.LENS
+        if not self._apart(poses):
+            return Refusal.CUT
+        return None if self._enough_visible(poses) else Refusal.UNSEEN
 
     def _tip_in_view(self, pose: ShaftPose) -> bool:
         u, v = self.camera.project(pose.tip_mm)

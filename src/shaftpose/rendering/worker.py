@@ -1,7 +1,7 @@
-"""Renders one shard in a process of its own: `python -m shaftpose.rendering.worker JOB.json`.
+"""Renders one shard in a process of its own: `python -m shaftpose.rendering.worker JOB.json LOG`.
 
 A process has one Blender scene, so a shard is a process. It reports each finished image by a line
-on its standard output; Blender's own chatter goes to the log file of the job.
+on its standard output; Blender's own chatter goes to the end of the log file.
 """
 
 import os
@@ -31,9 +31,9 @@ class Job:
 
 
 def main() -> None:
-    """Render the job whose file is the first argument."""
-    job_file = Path(sys.argv[1])
-    progress = _divert_output(job_file.with_suffix(".log"))
+    """Render the job whose file is the first argument; the second is the log file."""
+    job_file, log = Path(sys.argv[1]), Path(sys.argv[2])
+    progress = _divert_output(log)
     try:
         render_shard(from_json(Job, job_file), progress)
     except InputError as error:
@@ -54,9 +54,9 @@ def render_shard(job: Job, progress: TextIO) -> None:
 
 
 def _divert_output(log: Path) -> TextIO:
-    """Send this process's output to `log`; returns a stream to what was standard output."""
+    """Append this process's output to `log`; returns a stream to what was standard output."""
     original = os.fdopen(os.dup(1), "w")
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
     return original

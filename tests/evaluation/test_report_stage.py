@@ -1,0 +1,54 @@
+"""What the stage `report` makes of the results that others hand on."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "pipelines"))
+
+import report  # noqa: E402
+
+
+def result(title: str, real_share: float) -> dict[str, Any]:
+    """The content of an evaluation.json."""
+    return {
+        "title": title,
+        "real_share": real_share,
+        "metrics": {"mAP": 0.5, "images": 20},
+        "training": {
+            "training_images": 90, "steps": 10, "batch_size": 4, "width": 0.125, "seed": 7,
+            "parameters": 1000,
+        },
+        "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
+        "curves": [[1, "loss", 2.0], [2, "loss", 1.0]],
+    }  # fmt: skip
+
+
+RESULTS = {"d": result("D", 0.0), "d_noise_real": result("D + noise + real", 2 / 11)}
+
+
+def test_only_variants_with_a_real_share_mix_images_in() -> None:
+    rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
+    assert [row.mixed_in_images for row in rows] == [0, 100]
+    assert [row.training_images for row in rows] == [90, 90]
+
+
+@pytest.mark.parametrize("domain", ["real", "stand-in"])
+def test_every_figure_says_what_was_mixed_in(
+    domain: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: dict[str, Figure] = {}
+    monkeypatch.setattr(
+        report, "save_figure", lambda figure, path: drawn.update({path.stem: figure})
+    )
+    rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
+    files = report.draw_figures(RESULTS, rows, {}, domain, tmp_path)
+    assert {path.stem for path in files.values()} == drawn.keys()
+    for name, end in (("precision_and_recall", " (AP 0.500)"), ("learning_curves", "")):
+        labels = [text.get_text() for text in drawn[name].legends[0].get_texts()]
+        assert labels == [f"D{end}", f"D + noise + {domain}{end}"]
+    ticks = [tick.get_text() for tick in drawn["ablation"].axes[0].get_yticklabels()]
+    assert ticks == ["D", f"D + noise + {domain}"]

@@ -1,0 +1,69 @@
+"""The sets of images that the stage `evaluate_real` measures."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.images import write_jpeg
+from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "pipelines"))
+
+from silhouette_sets import silhouette_sets  # noqa: E402
+
+SIDE = 32
+GREY = np.full((SIDE, SIDE, 3), 128, dtype=np.uint8)
+MASK = np.zeros((SIDE, SIDE), dtype=bool)
+MASK[4:12, 8:24] = True
+BOX = (8, 4, 24, 12)
+
+
+def write_rendered(folder: Path) -> None:
+    """One image with one shaft."""
+    pose = ShaftPose.from_array(np.array([0.0, 0.0, 20.0, 70.0, 10.0]))
+    shaft = Instrument(pose, MASK, BOX, BOX, 1.0, int(MASK.sum()), int(MASK.sum()))
+    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+    with ShardWriter(folder / shard_name(0), jpeg_quality=90) as writer:
+        writer.write(Sample(sample_key(0), GREY, (shaft,), camera, {}))
+
+
+def write_real(folder: Path, occluded: list[bool]) -> None:
+    """An image with a shaft for each of `occluded`, and one without any."""
+    boxes = np.array([BOX], dtype=float)
+    samples = [RealSample(GREY, boxes, (MASK,), hidden) for hidden in occluded]
+    samples.append(RealSample(GREY, np.empty((0, 4)), (), False))
+    named = [(f"images/{n}.jpg", sample) for n, sample in enumerate(samples)]
+    for name, sample in named:
+        write_jpeg(sample.rgb, folder / name)
+    write_coco(folder / "test.json", named, with_masks=True, description="")
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in ("clear", "occluded"):
+        write_rendered(tmp_path / "data/render" / name)
+    return tmp_path
+
+
+@pytest.mark.parametrize("domain", ["real", "stand-in"])
+def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
+    write_real(project / "data/real", [True, False, True])
+    sets = silhouette_sets(SIDE, domain)
+    assert {name: len(images) for name, images in sets.items()} == {
+        "rendered/clear": 1, "rendered/occluded": 1, f"{domain}/clear": 1, f"{domain}/occluded": 2,
+    }  # fmt: skip
+    for images in sets.values():
+        np.testing.assert_allclose(images[0].known.boxes, [BOX])
+        np.testing.assert_array_equal(images[0].masks[0], MASK)
+    assert sets["rendered/clear"][0].known.poses is not None
+    assert sets[f"{domain}/clear"][0].known.poses is None
+
+
+def test_a_set_without_images_is_left_out(project: Path) -> None:
+    write_real(project / "data/real", [False])
+    assert "stand-in/occluded" not in silhouette_sets(SIDE, "stand-in")
