@@ -33,7 +33,7 @@ $(READY): pyproject.toml constraints.txt
 
 repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print the ablation
 	dvc repro split real_images
-	$(MAKE) --jobs=$(JOBS) $(addprefix train-,$(VARIANTS))
+	$(MAKE) --jobs=$(JOBS) $(addprefix variant-,$(VARIANTS))
 	dvc repro
 	@cat reports/ablation.md
 	@echo
@@ -44,8 +44,9 @@ report: $(READY)  ## bring the report up to date, one stage after another
 	dvc repro report
 	@echo "report: $(CURDIR)/reports/ablation.html"
 
-train-%: $(READY)  ## train one variant, as in `make train-d`, on data that is there
-	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item train@$*
+# Not `evaluate`, which also measures speed and therefore runs alone.
+variant-%: $(READY)  ## train one variant, as in `make variant-d`, on data that is there
+	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
 test: $(READY)  ## run all tests
 	pytest

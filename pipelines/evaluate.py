@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from networks import variant
-from predictions import predict
+from predictions import least_confidence, predict
 from results import read_training, write_json
 from stage import Config, stage
 
 from shaftpose import tracking
-from shaftpose.config import DetectionSettings, parse
 from shaftpose.dataset.split import read_keys
 from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
@@ -34,8 +33,8 @@ def main(config: Config) -> None:
     """Write `metrics.json` and `figures/` to `out`, and what the report needs to `results`, the
     folder that it depends on as a whole."""
     out, model_folder, chosen = Path(config["out"]), Path(config["model_folder"]), variant(config)
-    confidence = parse(DetectionSettings, config["detection"], "params.yaml: detection").confidence
     predictor = Predictor(model_folder / "model.onnx")
+    confidence = least_confidence(config, predictor)
     shards, keys = ShardedDataset(Path("data/render/images")), read_keys(Path("data/split"), "test")
     found = predict(predictor, (shards.rgb(key) for key in keys), len(keys))
     known = [shards.annotations(key) for key in keys]

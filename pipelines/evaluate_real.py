@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from networks import variant
-from predictions import predict
+from predictions import least_confidence, predict
 from results import read_domain, read_training, write_json
 from settings import render_settings
 from silhouette_sets import silhouette_sets
@@ -13,7 +13,6 @@ from stage import Config, stage
 from tqdm import tqdm
 
 from shaftpose import tracking
-from shaftpose.config import DetectionSettings, parse
 from shaftpose.deployment.overlay import (
     FOUND,
     TRUTH,
@@ -36,8 +35,8 @@ def main(config: Config) -> None:
     """Write `silhouette.json` and `silhouettes.jpg` to `out`, and the scores again to `results`,
     the folder that the report depends on as a whole."""
     out, chosen = Path(config["out"]), variant(config)
-    confidence = parse(DetectionSettings, config["detection"], "params.yaml: detection").confidence
     predictor = Predictor(Path(config["model_folder"]) / "model.onnx")
+    confidence = least_confidence(config, predictor)
     render = SilhouetteRenderer(render_settings(config))
     scores, drawn = {}, []
     for name, images in silhouette_sets(config["camera"]["size_px"], read_domain()).items():

@@ -6,16 +6,19 @@ from pathlib import Path
 
 import numpy as np
 from networks import trained_network, variant
+from predictions import predict
 from results import read_training, write_json
 from stage import Config, stage
 
 from shaftpose import tracking
 from shaftpose.config import DetectionSettings, parse
 from shaftpose.dataset.split import read_keys
-from shaftpose.deployment.onnx_export import export_onnx
+from shaftpose.deployment.onnx_export import export_onnx, store_confidence
 from shaftpose.deployment.parity import check_parity
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
+from shaftpose.evaluation.average_precision import precision_recall
+from shaftpose.evaluation.operating_point import best_confidence
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.shards import ShardedDataset
 
@@ -34,11 +37,12 @@ def main(config: Config) -> None:
     detector = ShaftDetector(network, limits.candidates, limits.overlap, limits.most)
     path = out / "model.onnx"
     export_onnx(detector, path, config["camera"]["size_px"])
-    images = test_images(PARITY_IMAGES)
-    parity = check_parity(detector, Predictor(path), images)
+    images, predictor = test_images(PARITY_IMAGES), Predictor(path)
+    parity = check_parity(detector, predictor, images)
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
+    store_confidence(path, validated_confidence(predictor))
     tracking.connect(**config["tracking"])
     training_id = read_training(training)["training_id"]
     tracking.log_model(training_id, variant(config).name, path, images[:1])
@@ -49,6 +53,15 @@ def test_images(count: int) -> np.ndarray:
     """The first test images (N, 299, 299, 3) uint8."""
     shards = ShardedDataset(Path("data/render/images"))
     return np.stack([shards.rgb(key) for key in read_keys(Path("data/split"), "test")[:count]])
+
+
+def validated_confidence(predictor: Predictor) -> float:
+    """The score from which on detections count, chosen on the validation images."""
+    shards = ShardedDataset(Path("data/render/images"))
+    keys = read_keys(Path("data/split"), "validation")
+    found = predict(predictor, (shards.rgb(key) for key in keys), len(keys))
+    known = [shards.annotations(key) for key in keys]
+    return best_confidence(precision_recall(found, known))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""Predictions for a list of images, as evaluate and evaluate_real need them alike."""
+"""Predictions for a list of images, as export, evaluate and evaluate_real need them alike."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
+from stage import Config
 from tqdm import tqdm
 
+from shaftpose.config import DetectionSettings, parse
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.instruments import Detections
 
@@ -23,6 +25,12 @@ def predict(
             found += predictor(np.stack(batch))
             bar.update(len(batch))
     return found
+
+
+def least_confidence(config: Config, predictor: Predictor) -> float:
+    """The score from which on detections count: the user's, else the model's own."""
+    chosen = parse(DetectionSettings, config["detection"], "params.yaml: detection").confidence
+    return predictor.confidence if chosen is None else chosen
 
 
 def _batches(images: Iterable[NDArray[np.uint8]]) -> Iterator[list[NDArray[np.uint8]]]:

@@ -34,6 +34,12 @@ from shaftpose.shards import ShardedDataset
 logger = logging.getLogger(__name__)
 
 RESULTS = Path("data/results")
+# Of all that trainings log, what the report draws.
+LEARNING_CURVES = (
+    *(f"{phase}/{term}" for phase in ("training", "validation")
+      for term in ("confidence", "box", "pose")),
+    "validation/mAP", "validation/detected_rate", "validation/tip_mm",
+)  # fmt: skip
 
 
 @stage
@@ -105,7 +111,10 @@ def draw_figures(
         )
         for title, result in titled.items()
     }
-    learning = {title: [tuple(row) for row in result["curves"]] for title, result in titled.items()}
+    learning = {
+        title: [tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]
+        for title, result in titled.items()
+    }
     figures = {
         "Ablation": ablation_figure(rows, constant, domain),
         "Precision and recall": precision_recall_figure(curves),

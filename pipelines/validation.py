@@ -6,7 +6,9 @@ from lightning import Callback, LightningModule, Trainer
 from torch import Tensor
 
 from shaftpose.batches import Batch, Targets
+from shaftpose.evaluation.average_precision import precision_recall
 from shaftpose.evaluation.metrics import evaluate
+from shaftpose.evaluation.operating_point import best_confidence
 from shaftpose.instruments import POSE_DIMENSIONS, Annotations, Detections
 from shaftpose.network.decoding import IMAGE_SIDE_PX
 
@@ -16,8 +18,8 @@ LOGGED = ("mAP", "detected_rate", *POSE_DIMENSIONS, "axis_deg", "tip_mm")
 class ValidationMetrics(Callback):
     """Logs `validation/mAP` and so on at every validation, one of which is after the last step.
 
-    `validation_step` must return `boxes`, `scores` and `poses` as `decode` does. The confidence is
-    `evaluate`'s own, whatever `detection` says: trainings stay comparable.
+    `validation_step` must return `boxes`, `scores` and `poses` as `decode` does. Detections count
+    from the score with the best F1 on, as in the exported model.
     """
 
     def __init__(self) -> None:
@@ -50,7 +52,8 @@ class ValidationMetrics(Callback):
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the metrics that have a value: no pose errors if nothing was found."""
-        metrics = evaluate(self._found, self._known).as_dict()
+        confidence = best_confidence(precision_recall(self._found, self._known))
+        metrics = evaluate(self._found, self._known, confidence).as_dict()
         known = {name: value for name in LOGGED if (value := metrics[name]) is not None}
         pl_module.log_dict({f"validation/{name}": value for name, value in known.items()})
 

@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", nargs="+", type=Path, help="PNG or JPEG files")
     parser.add_argument("--model", type=Path, required=True, help="model.onnx of a variant")
-    parser.add_argument("--confidence", type=float, default=0.5, help="least score (0.5)")
+    parser.add_argument("--confidence", type=float, help="least score (the model's own)")
     parser.add_argument("--draw", type=Path, help="folder for images with what was found")
     parser.add_argument("--view-deg", type=float, default=95.0, help="view angle, for --draw (95)")
     parser.set_defaults(run=predict)
@@ -77,9 +77,10 @@ def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
     in mm and deg."""
     predictor, camera = Predictor(options.model), _camera(options.view_deg)
+    least = predictor.confidence if options.confidence is None else options.confidence
     for path in options.images:
         image = centre_square(read_rgb(path), INPUT_PX)
-        found = predictor(image[None])[0].above(options.confidence)
+        found = predictor(image[None])[0].above(least)
         print(json.dumps({"image": str(path), "instruments": as_rows(found)}))
         if options.draw:
             drawn = draw_detections(image, found, camera)

@@ -248,7 +248,7 @@ class DetectionSettings:
     candidates: Annotated[int, Field(gt=0, le=7322)]  # there are no more default boxes
     overlap: Fraction
     most: PositiveInt
-    confidence: Fraction
+    confidence: Fraction | None
 
     def __post_init__(self) -> None:
         if self.most > self.candidates:

@@ -49,13 +49,6 @@ class Sample:
     camera: Camera
     facts: Mapping[str, Any]  # background, light, seeds: the free part of shaft.json
 
-    @property
-    def annotations(self) -> Annotations:
-        """Boxes and poses of the instruments."""
-        boxes = np.array([i.box for i in self.instruments], dtype=np.float64).reshape(-1, 4)
-        poses = np.array([i.pose.as_array() for i in self.instruments]).reshape(-1, 5)
-        return Annotations(boxes, poses)
-
 
 def sample_key(index: int) -> str:
     """The key of image `index`: nine digits, so that keys sort as numbers do."""
@@ -227,9 +220,6 @@ class ShardedDataset:
     def __len__(self) -> int:
         return len(self._members)
 
-    def __contains__(self, key: str) -> bool:
-        return key in self._members
-
     def rgb(self, key: str) -> NDArray[np.uint8]:
         """The image (H, W, 3) uint8. Raises InputError naming shard and key if it is damaged."""
         location = self._location(key, "rgb.jpg")
@@ -250,10 +240,6 @@ class ShardedDataset:
         """The visible mask (H, W) of each instrument of one image."""
         encoded = self._json(key, "mask_visib.json")
         return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
-
-    def visible_fractions(self, key: str) -> list[float]:
-        """The visible share of each instrument of one image."""
-        return [info["visib_fract"] for info in self._json(key, "gt_info.json")]
 
     def facts(self, key: str) -> dict[str, Any]:
         """The content of shaft.json."""

@@ -78,7 +78,7 @@ def test_evaluate_gives_every_name_of_the_conventions():
     assert metrics == {
         "mAP": 0.5, "detected_rate": 0.5, "x_mm": 1, "y_mm": 2, "z_mm": 2, "pitch_deg": 3,
         "yaw_deg": 4, "tip_mm": 3, "images": 1, "instruments": 2, "detections": 1,
-        "fps": None,
+        "confidence": 0.5, "fps": None,
     }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ def result(title: str, real_share: float) -> dict[str, Any]:
             "parameters": 1000,
         },
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
-        "curves": [[1, "loss", 2.0], [2, "loss", 1.0]],
+        "curves": [[1, "validation/mAP", 0.1], [2, "validation/mAP", 0.2]],
     }  # fmt: skip
 
 

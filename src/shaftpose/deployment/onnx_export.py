@@ -7,9 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import onnx
 import torch
 from onnxscript import opset20
 from torch import nn
+
+from shaftpose.deployment.predictor import CONFIDENCE
 
 OPSET = 20
 # Its type hints refuse the Python numbers and lists that it accepts.
@@ -39,6 +42,13 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int = 299) -> None:
         )
     assert program is not None
     program.save(path, external_data=False)
+
+
+def store_confidence(path: Path, confidence: float) -> None:
+    """Note in an exported file from which score on its detections count."""
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, {CONFIDENCE: repr(confidence)})
+    onnx.save(model, str(path))
 
 
 def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:

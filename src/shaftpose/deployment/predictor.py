@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from shaftpose.errors import InputError
 from shaftpose.instruments import Detections
 
+# The model file's metadata that holds the score from which on its detections count.
+CONFIDENCE = "confidence"
+
 
 class Predictor:
     """An ONNX file written by the export stage, run by onnxruntime.
@@ -28,6 +31,18 @@ class Predictor:
         names = [output.name for output in self._session.get_outputs()]
         if names != ["boxes", "scores", "poses"]:
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
+        self._path = path
+
+    @property
+    def confidence(self) -> float:
+        """The score from which on the model's detections count, chosen on validation images.
+
+        Raises InputError naming the file if it does not say.
+        """
+        known = self._session.get_modelmeta().custom_metadata_map
+        if CONFIDENCE not in known:
+            raise InputError(f"{self._path}: holds no confidence; export it again or state one")
+        return float(known[CONFIDENCE])
 
     def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""

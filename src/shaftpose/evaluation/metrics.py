@@ -18,7 +18,7 @@ class Metrics:
     """What is measured on a test set; None is "not measured" or "undefined" (JSON null).
 
     `x_mm` to `tip_mm` are means over the matched instruments. `detections` counts those of at
-    least the confidence threshold. `fps` is measured elsewhere and may be added.
+    least `confidence`. `fps` is measured elsewhere and may be added.
     """
 
     mAP: float | None
@@ -33,6 +33,7 @@ class Metrics:
     images: int
     instruments: int
     detections: int
+    confidence: float
     fps: float | None = None
 
     def as_dict(self) -> dict[str, float | int | None]:
@@ -85,6 +86,7 @@ def _metrics(
         images=len(annotations),
         instruments=instruments,
         detections=int(np.sum(curve.scores >= confidence)),
+        confidence=confidence,
     )
 
 

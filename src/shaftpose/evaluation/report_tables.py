@@ -56,6 +56,7 @@ SETUP_COLUMNS = (
     "Width",
     "Seeds",
     "Parameters",
+    "Confidence",
 )
 
 
@@ -133,6 +134,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             f"{row.width:g}",
             ", ".join(str(seed) for seed in row.seeds),
             show(row.parameters, 0),
+            show(row.metrics.get("confidence"), 2),
         ]
         for row in report.rows
     ]

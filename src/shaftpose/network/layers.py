@@ -1,5 +1,6 @@
 """The two pieces that the backbone and the heads share: width scaling and Conv-BN-ReLU."""
 
+import torch
 from torch import Tensor, nn
 
 Size = int | tuple[int, int]
@@ -26,4 +27,12 @@ class ConvBNReLU(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, in_channels, h, w) -> (B, channels, h', w')."""
-        return self.activation(self.norm(self.conv(x)))
+        result: Tensor = self.activation(self.norm(self.conv(x)))
+        if self.training and result.requires_grad:
+            # A concatenation hands back slices of its gradient, on which ReLU's is slow on a CPU.
+            result.register_hook(_packed)
+        return result
+
+
+def _packed(gradient: Tensor) -> Tensor:
+    return gradient.contiguous(memory_format=torch.channels_last)

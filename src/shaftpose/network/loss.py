@@ -117,10 +117,14 @@ def hard_negatives(class_logits: Tensor, positive: Tensor, ratio: int) -> Tensor
     class_logits: (B, A, 2); positive: (B, A) bool. An image without positives gives no negatives;
     one with too few background boxes gives all of them.
     """
-    difficulty = -functional.log_softmax(class_logits.detach(), dim=-1)[..., 0]
+    # The loss of a background box grows with the difference of its logits.
+    difficulty = (class_logits[..., 1] - class_logits[..., 0]).detach()
     difficulty = difficulty.masked_fill(positive, -torch.inf)
-    rank = difficulty.argsort(dim=1, descending=True).argsort(dim=1)
-    return (rank < ratio * positive.sum(dim=1, keepdim=True)) & ~positive
+    wanted = ratio * positive.sum(dim=1, keepdim=True)
+    most = min(int(wanted.max()), difficulty.shape[1])
+    hardest = difficulty.topk(most, dim=1).indices
+    mined = torch.arange(most, device=wanted.device) < wanted
+    return torch.zeros_like(positive).scatter_(1, hardest, mined) & ~positive
 
 
 def gather_truth(values: Tensor, truth: Tensor) -> Tensor:

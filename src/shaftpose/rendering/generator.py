@@ -58,8 +58,8 @@ class Generator:
                 found = map(self._instrument, scene.shafts, masks)
                 return scene, foreground, tuple(found)
         raise InputError(
-            f"image {index}: occluders hid a shaft in {_MOST_DRAWS} draws; "
-            "lower scene.min_visible_px or scene.occluder_probability in params.yaml"
+            f"image {index}: a shaft shows fewer than scene.min_visible_px = {least} px in each "
+            f"of {_MOST_DRAWS} draws; lower it, or scene.occluder_probability, in params.yaml"
         )
 
     def _masks(self, scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:

@@ -157,7 +157,7 @@ def _occluder_before(rng: np.random.Generator, pose: ShaftPose, shaft: ShaftSett
     """A lump on the line of sight to a point within 15 mm of the tip."""
     hidden = pose.tip_mm + float(rng.uniform(-1, 15)) * pose.direction
     hidden[2] = max(hidden[2], 4.0)
-    # 55..75 % of the way to the shaft: wholly before it, with room for the lump's radius.
+    # 55..75 % of the way to the shaft: before it, but for a few large lumps that reach it.
     share = float(rng.uniform(0.55, 0.75))
     centre = share * hidden
     room = np.linalg.norm(hidden - centre) - shaft.diameter_mm / 2
