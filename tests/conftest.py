@@ -1,0 +1,38 @@
+"""What tests of several folders share."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+SIDE = 299
+BOXES = [[10.0, 20.0, 110.0, 220.0], [150.0, 10.0, 290.0, 90.0], [0.0, 0.0, 0.0, 0.0]]
+SCORES = [0.75, 0.25, 0.0]
+POSES = [[1.0, -2.0, 20.0, 70.0, 123.0], [-8.0, 5.0, 31.0, 55.0, 350.0], [0.0] * 5]
+
+
+@pytest.fixture
+def constant_model(tmp_path: Path) -> Path:
+    """A model with the interface of an exported one that finds two shafts in every image, with
+    scores 0.75 and 0.25, and leaves a third place empty."""
+    values = {"boxes": np.array(BOXES), "scores": np.array(SCORES), "poses": np.array(POSES)}
+    weights = []
+    nodes = [helper.make_node("Shape", ["image"], ["batch"], start=0, end=1)]
+    outputs = []
+    for name, value in values.items():
+        weights.append(numpy_helper.from_array(value[None].astype(np.float32), f"{name} of one"))
+        weights.append(numpy_helper.from_array(np.array(value.shape), f"shape of {name}"))
+        nodes.append(
+            helper.make_node("Concat", ["batch", f"shape of {name}"], [f"{name} shape"], axis=0)
+        )
+        nodes.append(helper.make_node("Expand", [f"{name} of one", f"{name} shape"], [name]))
+        outputs.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", *value.shape]))
+    image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", SIDE, SIDE, 3])
+    graph = helper.make_graph(nodes, "constant", [image], outputs, weights)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
+    onnx.checker.check_model(model)
+    path = tmp_path / "constant.onnx"
+    onnx.save(model, str(path))
+    return path
