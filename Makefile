@@ -1,4 +1,4 @@
-# `make help` lists what there is. Every target sets up the environment it needs.
+# `make help` lists what there is; what needs the environment makes it first.
 
 PYTHON ?= python3.11
 VENV := .venv
@@ -10,9 +10,9 @@ ifeq ($(VARIANTS),)
 $(error params.yaml: `variants` must be a list in one line, as in [c, d])
 endif
 # On a CPU, narrow networks train faster side by side, a core each, than one after another on all
-# cores. On a GPU: make repro JOBS=1
-JOBS ?= $(shell n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)))
-THREADS ?= $(shell echo $$(($$(nproc) / $(JOBS))))
+# cores; a GPU takes one at a time.
+JOBS ?= $(shell if nvidia-smi -L >/dev/null 2>&1; then echo 1; else n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)); fi)
+THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
@@ -70,5 +70,5 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	install -m 644 reports/d/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/d/silhouettes.jpg docs/images/silhouettes.jpg
 
-clean:  ## remove interrupted renders and other scratch (finished outputs stay)
-	rm -rf data/scratch outputs
+clean:  ## remove data/scratch, from which interrupted renders continue
+	rm -rf data/scratch

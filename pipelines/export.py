@@ -1,4 +1,4 @@
-"""Stage `export`: a checkpoint as one ONNX file, checked against PyTorch on real test images."""
+"""Stage `export`: a checkpoint as one ONNX file, checked against PyTorch on test images."""
 
 import logging
 from dataclasses import asdict

@@ -49,7 +49,10 @@ def main(config: Config) -> None:
     results = {name: read_json(RESULTS / name / "evaluation.json", "evaluate") for name in names}
     domain, real_images = read_domain(), len(read_coco(Path("data/real/train.json")))
     rows = [variant_row(name, result, real_images) for name, result in results.items()]
-    champion = choose_champion(rows, config["report"]["champion_margin"])
+    champion = choose_champion(
+        {name: last_validation(result["curves"]) for name, result in results.items()},
+        config["report"]["champion_margin"],
+    )
     shards = ShardedDataset(Path("data/render/images"))
     train, test = annotations(shards, "train"), annotations(shards, "test")
     constant = constant_predictor(train, test).as_dict()
@@ -86,6 +89,14 @@ def variant_row(name: str, result: dict[str, Any], real_images: int) -> VariantR
         parameters=training["parameters"],
         mixed_in_images=real_images if result["real_share"] > 0 else 0,
     )
+
+
+def last_validation(curves: list[list[Any]]) -> dict[str, float]:
+    """The metrics of a training's last validation, from rows of step, name, value."""
+    phase = "validation/"
+    rows = [(step, name, value) for step, name, value in curves if name.startswith(phase)]
+    last = max((step for step, _, _ in rows), default=None)
+    return {name.removeprefix(phase): value for step, name, value in rows if step == last}
 
 
 def annotations(shards: ShardedDataset, part: str) -> list[Annotations]:

@@ -1,7 +1,10 @@
 """From the composed configuration to the package's checked settings."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+import yaml
 
 from shaftpose.config import (
     BackgroundSettings,
@@ -12,8 +15,10 @@ from shaftpose.config import (
     Size,
     SplitSettings,
     TrainingSettings,
+    Variant,
     parse,
 )
+from shaftpose.errors import InputError
 
 Config = dict[str, Any]
 
@@ -27,6 +32,8 @@ def check(config: Config) -> None:
     render_settings(config)
     stand_in = config["real"]["stand_in"]
     render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
+    for name in config["variants"]:
+        check_variant(name)
     parts = {
         "backgrounds": BackgroundSettings,
         "split": SplitSettings,
@@ -42,6 +49,19 @@ def check(config: Config) -> None:
         "champion_margin": config["report"]["champion_margin"],
     }
     parse(RunSettings, run, "params.yaml")
+
+
+def check_variant(name: str) -> None:
+    """Parse the file of a variant, but for its head, which Hydra builds.
+
+    Raises InputError if there is no such file or a value is wrong.
+    """
+    path = Path(__file__).parents[1] / f"conf/variant/{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
+        raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
+    values = yaml.safe_load(path.read_text())
+    parse(Variant, {k: v for k, v in values.items() if k != "head"}, f"conf/variant/{name}.yaml")
 
 
 def size(config: Config) -> Size:

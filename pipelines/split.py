@@ -26,6 +26,11 @@ def main(config: Config) -> None:
     split = split_images(sources, settings, config["seed"])
     out = Path(config["out"])
     write_split(split, out)
+    if split.left_out:
+        logger.warning(
+            "%d images are in no part: their backgrounds are those of test images; "
+            "more backgrounds leave fewer out", len(split.left_out),
+        )  # fmt: skip
     logger.info(
         "%d images train, %d validate and %d test; the lists are in %s",
         len(split.train), len(split.validation), len(split.test), out,

@@ -54,6 +54,23 @@ def test_predict_draws_where_it_is_told(constant_model: Path, frame: Path, tmp_p
     assert np.ptp(drawn) > 100  # the frame alone is of one grey
 
 
+def test_no_image_is_overwritten_by_a_drawing(
+    constant_model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo = tmp_path / "a" / "frame.jpg"
+    photo.parent.mkdir()
+    cv2.imwrite(str(photo), cv2.imread(str(frame)))
+    before = photo.read_bytes()
+    arguments = ["--model", str(constant_model), "--confidence", "0", "--draw"]
+    with pytest.raises(SystemExit, match="^error: --draw .*is taken by another image"):
+        main(["predict", str(photo), *arguments, str(photo.parent)])
+    assert photo.read_bytes() == before
+    with pytest.raises(SystemExit, match="^error: --draw .*is taken by another image"):
+        main(["predict", str(photo), str(frame), *arguments, str(tmp_path / "found")])
+    assert not (tmp_path / "found").exists()
+    assert capsys.readouterr().out == ""
+
+
 @pytest.mark.parametrize("image", ["missing.png", "text.png"])
 def test_an_unreadable_image_ends_with_one_line(
     image: str, constant_model: Path, tmp_path: Path

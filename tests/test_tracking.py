@@ -2,6 +2,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import mlflow
+import numpy as np
 import pytest
 
 from shaftpose import tracking
@@ -38,6 +39,26 @@ def test_the_datasets_hashes_come_from_the_lock_file(tmp_path: Path) -> None:
         "  report:\n    outs:\n    - {path: reports/ablation.html, md5: cc}\n"
     )
     assert tracking.dataset_identity(lock) == {"data/render": "aa.dir"}
+
+
+def test_a_lock_file_that_is_being_written_is_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock = tmp_path / "dvc.lock"
+    lock.write_text("stages:\n  render:\n    outs: [{path: data")
+    whole = "stages:\n  render:\n    outs:\n    - {path: data/render, md5: aa.dir}\n"
+    monkeypatch.setattr(tracking.time, "sleep", lambda seconds: lock.write_text(whole))
+    assert tracking.dataset_identity(lock) == {"data/render": "aa.dir"}
+
+
+def test_a_lock_file_that_stays_unreadable_does_not_stop_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    lock = tmp_path / "dvc.lock"
+    lock.touch()
+    monkeypatch.setattr(tracking.time, "sleep", lambda seconds: None)
+    assert tracking.dataset_identity(lock) == {}
+    assert "cannot be read" in caplog.text
 
 
 def test_results_find_the_run_of_their_training(store: Path) -> None:
@@ -86,3 +107,15 @@ def test_a_champion_without_model_is_passed_over(
     tracking.register_champion("id-3", "c", "the rule")
     assert "lacks its model" in caplog.text
     assert not mlflow.MlflowClient().search_registered_models()
+
+
+def test_a_champion_is_registered_once(store: Path, constant_model: Path) -> None:
+    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
+    for name in ("id-4", "id-5"):
+        tracking.log_model(name, "d", constant_model, image)
+    client = mlflow.MlflowClient()
+    versions = []
+    for name in ("id-4", "id-4", "id-5"):
+        tracking.register_champion(name, "d", "the rule")
+        versions.append(client.get_model_version_by_alias("shaftpose", "champion").version)
+    assert [int(version) for version in versions] == [1, 1, 2]

@@ -78,13 +78,28 @@ def predict(options: argparse.Namespace) -> None:
     in mm and deg."""
     predictor, camera = Predictor(options.model), _camera(options.view_deg)
     least = predictor.confidence if options.confidence is None else options.confidence
+    targets = _drawings(options.images, options.draw) if options.draw else {}
     for path in options.images:
         image = centre_square(read_rgb(path), INPUT_PX)
         found = predictor(image[None])[0].above(least)
         print(json.dumps({"image": str(path), "instruments": as_rows(found)}))
         if options.draw:
-            drawn = draw_detections(image, found, camera)
-            write_jpeg(drawn, options.draw / f"{path.stem}.jpg")
+            write_jpeg(draw_detections(image, found, camera), targets[path])
+
+
+def _drawings(images: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """Image -> file of its drawing. Raises InputError if two would share one, or an image would be
+    overwritten."""
+    targets = {path: folder / f"{path.stem}.jpg" for path in images}
+    taken = {path.resolve() for path in images}
+    for path, target in targets.items():
+        if target.resolve() in taken:
+            raise InputError(
+                f"--draw {folder}: {target}, for {path}, is taken by another image; draw into "
+                "another folder, images of the same name into different ones"
+            )
+        taken.add(target.resolve())
+    return targets
 
 
 def as_rows(found: Detections) -> list[dict[str, object]]:

@@ -6,6 +6,7 @@ follow find the run by it, also where the database was not copied along with the
 
 import logging
 import os
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,7 @@ TRAINING_TAG = "shaftpose.training"
 MODEL_NAME = "shaftpose"
 CHAMPION = "champion"
 _PARENT_FILE = "mlflow_parent.txt"
+_TRIES = 5
 
 
 def connect(uri: str | None, experiment: str) -> str:
@@ -149,9 +151,19 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
     if outputs is None or not outputs.model_outputs:
         logger.warning("%s: this MLflow database lacks its model; run `dvc repro -f export`", name)
         return
+    if _champion_run(client) == run_id:
+        return
     version = mlflow.register_model(f"runs:/{run_id}/model", MODEL_NAME)
     client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
     client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)
+
+
+def _champion_run(client: mlflow.MlflowClient) -> str | None:
+    """The run whose model is champion now."""
+    try:
+        return str(client.get_model_version_by_alias(MODEL_NAME, CHAMPION).run_id)
+    except mlflow.exceptions.MlflowException:  # there is none yet
+        return None
 
 
 def _run_of(training_id: str, name: str) -> str:
@@ -180,8 +192,20 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def dataset_identity(lock: Path) -> dict[str, str]:
     """Path -> DVC hash of every output of the data stages that `dvc.lock` knows."""
-    if not lock.is_file():
-        return {}
-    stages = yaml.safe_load(lock.read_text())["stages"]
+    stages = _locked_stages(lock)
     outs = [out for name, entry in stages.items() if "@" not in name for out in entry["outs"]]
     return {out["path"]: out["md5"] for out in outs if out["path"].startswith("data/")}
+
+
+def _locked_stages(lock: Path) -> dict[str, Any]:
+    """The stages of a `dvc.lock`; another `dvc repro` may be writing it just now."""
+    for _ in range(_TRIES):
+        if not lock.is_file():
+            return {}
+        try:
+            stages: dict[str, Any] = yaml.safe_load(lock.read_text())["stages"]
+            return stages
+        except (yaml.YAMLError, TypeError, KeyError):
+            time.sleep(0.5)
+    logger.warning("%s cannot be read: the run lacks the hashes of its data", lock)
+    return {}

@@ -39,7 +39,8 @@ def test_source_images_are_found_sorted_and_rgb(tmp_path: Path) -> None:
     save(tmp_path / "a" / "c.TIFF")
     (tmp_path / "notes.txt").write_text("no image")
     found = list(read_source_images(tmp_path))
-    assert [source for source, _ in found] == ["a/c.TIFF", "a/z.jpeg", "b.PNG"]
+    # Frames of one operation, in one subfolder, are one source.
+    assert [source for source, _ in found] == ["a", "a", "b.PNG"]
     assert found[2][1][0, 0].tolist() == [200, 40, 30]
 
 

@@ -1,5 +1,6 @@
 """Exact counts, disjoint parts and sources that no two parts share."""
 
+from collections import Counter
 from itertools import combinations
 from pathlib import Path
 
@@ -76,10 +77,25 @@ def test_the_seed_alone_decides(settings: SplitSettings) -> None:
     assert split_images(sources, settings, 8) != first
 
 
-def test_an_impossible_exact_split_names_the_remedy() -> None:
-    # Two sources of 10 images: no whole ones hold exactly 2.
+@pytest.mark.parametrize("images", [1_000, 10_000])
+@pytest.mark.parametrize("count", [4, 27, 45])
+def test_few_sources_leave_images_out(images: int, count: int) -> None:
+    sources = draw_sources(images, count)
+    split = split_images(sources, GROUPED, 0)
+    assert len(split.test) == images // 10
+    keys = [key for part in (*parts(split), split.left_out) for key in part]
+    assert sorted(keys) == sorted(sources)  # each key once
+    apart = {sources[key] for key in split.test + split.left_out}
+    train, validation = ({sources[key] for key in part} for part in (split.train, split.validation))
+    assert not apart & train and not apart & validation and not train & validation
+    # Never more than one source's images are left over.
+    assert len(split.left_out) < max(Counter(sources.values()).values())
+
+
+def test_too_few_sources_name_the_remedy() -> None:
+    # Two sources: one for the test part, and none for training once validation has the other.
     sources = {f"{n:02d}": str(n % 2) for n in range(20)}
-    with pytest.raises(InputError, match="exactly 2 of 20") as caught:
+    with pytest.raises(InputError, match="1 of 10 images on 1 source backgrounds") as caught:
         split_images(sources, GROUPED, 0)
     assert "split.method: random" in str(caught.value)
     assert len(split_images(sources, RANDOM, 0).test) == 2
@@ -87,7 +103,7 @@ def test_an_impossible_exact_split_names_the_remedy() -> None:
 
 def test_too_few_images_for_a_test_part() -> None:
     # A tenth of 4 images is 0.4: none.
-    with pytest.raises(InputError, match="exactly 0 of 4"):
+    with pytest.raises(InputError, match="0 of 4 images"):
         split_images(draw_sources(4, 4), RANDOM, 0)
 
 

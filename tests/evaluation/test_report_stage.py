@@ -30,6 +30,17 @@ def result(title: str, real_share: float) -> dict[str, Any]:
 RESULTS = {"d": result("D", 0.0), "d_noise_real": result("D + noise + real", 2 / 11)}
 
 
+def test_the_last_validation_counts() -> None:
+    curves = [
+        [49, "validation/mAP", 0.2],
+        [49, "validation/tip_mm", 5.0],
+        [99, "training/box", 1.0],
+        [99, "validation/mAP", 0.1],
+    ]
+    assert report.last_validation(curves) == {"mAP": 0.1}  # nothing was found any more
+    assert report.last_validation([]) == {}
+
+
 def test_only_variants_with_a_real_share_mix_images_in() -> None:
     rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
     assert [row.mixed_in_images for row in rows] == [0, 100]

@@ -64,6 +64,13 @@ def test_unknown_variant_is_named_with_the_known_ones(run: Run, tmp_path: Path) 
     assert "d_noise_real" in result.stderr
 
 
+def test_an_unknown_variant_in_the_list_does_not_wait_for_its_training(
+    run: Run, tmp_path: Path
+) -> None:
+    line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", "variants=[d,z]")
+    assert line.startswith("error: params.yaml: variants: 'z': unknown; choose from c, d, ")
+
+
 def test_empty_background_folder(run: Run, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     line = complaint(

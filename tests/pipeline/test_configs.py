@@ -7,6 +7,7 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
+from lightning import Trainer
 from omegaconf import OmegaConf
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +51,8 @@ def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
 
 @pytest.mark.parametrize("trainer", ["auto", "cpu"])
 def test_trainers_compose(trainer: str) -> None:
-    assert composed(f"trainer={trainer}")["trainer"]["accelerator"] == trainer
+    settings = composed(f"trainer={trainer}")["trainer"]
+    assert Trainer(**settings, logger=False, enable_checkpointing=False).num_devices >= 1
 
 
 @pytest.mark.parametrize("launcher", ["workstation", "slurm"])

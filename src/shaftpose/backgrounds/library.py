@@ -36,8 +36,9 @@ log = logging.getLogger(__name__)
 class SourceImages:
     """The images of a folder, decoded one at a time while they are iterated over.
 
-    Iterating yields (id, RGB image), where the id is the path relative to the folder. Files that
-    cannot be decoded are passed over and collected in `skipped`, which is complete when the
+    Iterating yields (id, RGB image). The id is the file's name, or that of the subfolder which it
+    lies in: frames of one operation are alike, and images of one id stay together in a split. Files
+    that cannot be decoded are passed over and collected in `skipped`, which is complete when the
     iteration is.
     """
 
@@ -62,7 +63,7 @@ class SourceImages:
                 self._skipped.append(path)
                 log.warning("skipped %s: not a readable image", path)
             else:
-                yield path.relative_to(self.folder).as_posix(), image
+                yield path.relative_to(self.folder).parts[0], image
         if len(self._skipped) == len(self.paths):
             raise InputError(
                 f"none of the {len(self.paths)} images in {self.folder} can be decoded: "
@@ -192,8 +193,9 @@ def hold_out(
     count = max(1, round(share * len(sources)))
     if len(sources) - count < 2:
         raise InputError(
-            f"{len(sources)} source image(s) of which {count} held out leave fewer than two: "
-            "give more images in backgrounds.source or lower backgrounds.held_out"
+            f"{len(sources)} source image(s), a subfolder counting as one, of which {count} held "
+            "out leave fewer than two: give more images in backgrounds.source, or subfolders, or "
+            "lower backgrounds.held_out"
         )
     chosen = set(np.random.default_rng(seed).permutation(sources)[:count].tolist())
     kept = [background for background in backgrounds if background.source not in chosen]

@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,31 +15,38 @@ PARTS = ("train", "validation", "test")
 
 @dataclass(frozen=True)
 class Split:
-    """Keys of the images of each part; no key is in two of them."""
+    """Keys of the images of each part; no key is in two of them.
+
+    left_out: images of the test part's backgrounds beyond its exact number; they are in no part.
+    """
 
     train: list[str]
     validation: list[str]
     test: list[str]
+    left_out: list[str] = field(default_factory=list)
 
 
 def split_images(sources: Mapping[str, str], settings: SplitSettings, seed: int) -> Split:
     """Split images, given as key -> id of the source background.
 
     The test part has exactly `settings.test` of the images (rounded); the validation part is cut
-    from the rest. "grouped": images of one source stay together; "random": the paper's plain split.
+    from the rest. "grouped": no source is in two parts, which with few sources leaves images out;
+    "random": the paper's plain split. Raises InputError if a part would be empty.
     """
     # Random: every image is a group of its own.
     groups = sources if settings.method == "grouped" else {key: key for key in sources}
     rng = np.random.default_rng(seed)
     test_count = round(settings.test * len(sources))
-    test = _take_groups(groups, list(sources), test_count, rng)
-    rest = [key for key in sources if key not in test]
+    taken = _take_groups(groups, list(sources), test_count, rng)
+    test = sorted(taken)
+    rest = [key for key in sources if key not in taken]
     validation_count = max(1, round(settings.validation * len(rest)))
-    validation = _take_groups(groups, rest, validation_count, rng, at_least=True)
+    validation = _take_groups(groups, rest, validation_count, rng)
     return Split(
         train=[key for key in rest if key not in validation],
         validation=sorted(validation),
-        test=sorted(test),
+        test=test[:test_count],
+        left_out=test[test_count:],
     )
 
 
@@ -48,22 +55,21 @@ def _take_groups(
     keys: Sequence[str],
     count: int,
     rng: np.random.Generator,
-    at_least: bool = False,
 ) -> set[str]:
-    """Keys of whole groups that hold exactly `count` images, or the least number above it."""
+    """Keys of whole groups, but not of all, that hold `count` images or the least number above."""
     members: dict[str, list[str]] = {}
     for key in keys:
         members.setdefault(groups[key], []).append(key)
     names = [str(name) for name in rng.permutation(sorted(members))]
     sizes = [len(members[name]) for name in names]
-    targets = range(count, len(keys)) if at_least else [count]
-    for target in targets:
+    for target in range(count, len(keys) if count else 0):
         chosen = subset_with_sum(sizes, target)
-        if chosen is not None and target > 0:
+        if chosen is not None:
             return {key for n in chosen for key in members[names[n]]}
     raise InputError(
-        f"params.yaml: split: no whole source backgrounds hold exactly {count} of {len(keys)} "
-        "images; render more images, give more backgrounds, or choose split.method: random"
+        f"params.yaml: split: {count} of {len(keys)} images on {len(names)} source backgrounds "
+        "cannot be set apart; render more images, give more backgrounds, or choose "
+        "split.method: random"
     )
 
 
