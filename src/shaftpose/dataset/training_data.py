@@ -153,4 +153,6 @@ class TrainingData(LightningDataModule):
             collate_fn=pad_batch,
             num_workers=self._workers,
             persistent_workers=self._workers > 0,
+            # joblib's launcher makes a way of its own the default, in which loaders do not start.
+            multiprocessing_context="fork" if self._workers > 0 else None,
         )
