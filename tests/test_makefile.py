@@ -14,7 +14,7 @@ RULES = dict(re.findall(r"^([a-z][a-z%-]*):(?!=)(.*)$", TEXT, re.MULTILINE))
 
 
 def test_every_target_has_a_line_of_help() -> None:
-    assert {"help", "repro", "test", "train-%"} <= RULES.keys()
+    assert {"help", "repro", "test", "variant-%"} <= RULES.keys()
     assert [name for name, rest in RULES.items() if not re.search(r"  ## \w", rest)] == []
 
 

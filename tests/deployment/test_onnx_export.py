@@ -14,10 +14,12 @@ from torch.nn import functional
 from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.deployment.parity import check_parity
 from shaftpose.instruments import Detections
+from shaftpose.network.classification_head import ArchitectureB
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
-from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.pose_bins import BinCoder
+from shaftpose.network.pose_coding import RegressionCoder
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
 
@@ -26,16 +28,18 @@ def random_images(count: int) -> Tensor:
     return torch.randint(0, 256, (count, 299, 299, 3), generator=generator, dtype=torch.uint8)
 
 
-@pytest.fixture(scope="module")
-def pose_coder() -> PoseCoder:
-    return PoseCoder(low=(-20, -20, 10, 50, 0), high=(20, 20, 40, 90, 358))
+RANGES = (-20, -20, 10, 50, 0), (20, 20, 40, 90, 358)
 
 
-@pytest.fixture(scope="module")
-def network(pose_coder: PoseCoder) -> ShaftNetwork:
+@pytest.fixture(scope="module", params=["b", "d"])
+def network(request: pytest.FixtureRequest) -> ShaftNetwork:
     """Random weights, but the batch normalisations have seen images: so scores differ."""
     torch.manual_seed(0)
-    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, pose_coder)
+    backbone = InceptionV4Features(0.125)
+    if request.param == "b":
+        network = ShaftNetwork(backbone, ArchitectureB, BinCoder(*RANGES, steps=(1, 1, 1, 5, 5)))
+    else:
+        network = ShaftNetwork(backbone, ArchitectureD, RegressionCoder(*RANGES))
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = None  # statistics are plain averages
@@ -111,9 +115,9 @@ class SampledColours(InceptionV4Features):
         return [functional.interpolate(images, (size, size)) for size in MAP_SIZES]
 
 
-def test_image_without_detection_is_all_zeros(pose_coder: PoseCoder, tmp_path: Path) -> None:
+def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
     """Scores of exactly 0 on a black image, of 1 on a white one, side by side in one batch."""
-    network = ShaftNetwork(SampledColours(), ArchitectureC, pose_coder)
+    network = ShaftNetwork(SampledColours(), ArchitectureC, RegressionCoder(*RANGES))
     assert isinstance(network.head, ArchitectureC)
     for conv in network.head.class_convs:
         assert isinstance(conv, nn.Conv2d) and conv.bias is not None
