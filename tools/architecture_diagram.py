@@ -6,6 +6,7 @@ Sizes and channels are read from the networks of conf/variant at width 1.0.
 from dataclasses import dataclass
 
 import matplotlib
+import yaml
 
 matplotlib.use("Agg")
 
@@ -94,21 +95,22 @@ def main() -> None:
     draw_classes(sketch, b, 1.5)
     draw_numbers(sketch, c, 32.5)
     draw_conditioned(sketch, d, 60.5)
-    sketch.figure.savefig(PICTURE, dpi=110, pil_kwargs={"optimize": True})
+    draw_decoding(sketch, d)
+    sketch.figure.savefig(PICTURE, dpi=100, pil_kwargs={"optimize": True})
 
 
 def draw_backbone(sketch: Sketch, network: ShaftNetwork) -> None:
     """The stages from left to right, each with the map it makes below it."""
     title(sketch, 1.5, 66.2, "(a)  Backbone: Inception-v4 and three more stages, width 1.0")
-    before = sketch.block(5.5, 60, "image\n299 x 299 x 3", MAP, width=9)
+    before = sketch.block(6, 60, "image\n299 x 299 x 3", MAP, width=9)
     made = zip(stages(network.backbone), MAP_SIZES, network.backbone.channels, BOXES_PER_CELL,
                strict=True)  # fmt: skip
     for i, (stage, size, channels, boxes) in enumerate(made):
-        x = 19 + 14.9 * i
-        layers = sketch.block(x, 60, stage.replace(", ", ",\n").replace("then", "\nthen"), LAYER)
+        x = 19.3 + 14.7 * i
+        layers = sketch.block(x, 60, stage.replace(", ", ",\n"), LAYER, width=13.4, height=5.2)
         sketch.arrow(before.right, layers.left)
         text = f"{size} x {size} x {channels:,}\nN = {boxes}: {size * size * boxes:,} boxes"
-        feature = sketch.block(x, 51, text, MAP, width=13.6)
+        feature = sketch.block(x, 51.5, text, MAP, width=13.4)
         sketch.arrow(layers.bottom, feature.top)
         before = layers
 
@@ -119,7 +121,7 @@ def draw_classes(sketch: Sketch, network: ShaftNetwork, left: float) -> None:
     pose = draw_side_by_side(sketch, network, left)
     bins = " + ".join(str(count) for count in network.pose_coder.bins)
     text = f"softmax of each dimension:\n{bins} classes;\nthe likeliest one's centre"
-    centres = sketch.block(left + 18.9, 15.5, text, POSE, width=18.5, height=6.2)
+    centres = sketch.block(left + 18.2, 15.5, text, POSE, width=19.8, height=6.2)
     sketch.arrow(pose.bottom, (pose.x, centres.top[1]))
 
 
@@ -128,7 +130,7 @@ def draw_numbers(sketch: Sketch, network: ShaftNetwork, left: float) -> None:
     title(sketch, left, 44.6, "(c)  naive regression")
     pose = draw_side_by_side(sketch, network, left)
     text = "x, y, z, pitch, yaw,\neach scaled to [-1, 1]"
-    numbers = sketch.block(pose.x - 2, 15.5, text, POSE, width=12.5, height=6.2)
+    numbers = sketch.block(pose.x - 2.7, 15.5, text, POSE, width=13.5, height=6.2)
     sketch.arrow(pose.bottom, (pose.x, numbers.top[1]))
 
 
@@ -174,6 +176,23 @@ def draw_conditioned(sketch: Sketch, network: ShaftNetwork, left: float) -> None
     sketch.arrow(of_feature.bottom, merge.top)
     sketch.arrow(detection.right, merge.left)
     sketch.arrow(merge.bottom, pose.top)
+
+
+def draw_decoding(sketch: Sketch, network: ShaftNetwork) -> None:
+    """From the outputs of any head to detections."""
+    limits = yaml.safe_load((ROOT / "params.yaml").read_text())["detection"]
+    texts = (
+        f"class, box and pose of\n{len(network.defaults):,} default boxes",
+        f"the {limits['candidates']} most\nconfident boxes",
+        f"non-maximum suppression\nabove {limits['overlap']:g} IoU",
+        f"boxes, scores and poses\nof up to {limits['most']} instruments",
+    )
+    before = None
+    for place, text in enumerate(texts):
+        block = sketch.block(12.5 + 25 * place, 4, text, LAYER, width=19)
+        if before:
+            sketch.arrow(before.right, block.left)
+        before = block
 
 
 def normalised(kernel: str, channels: int) -> str:

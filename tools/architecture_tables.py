@@ -34,11 +34,11 @@ def main() -> None:
 
 def with_tables(page: str) -> str:
     """The page with what stands between its markers made anew."""
-    for name, table in {"maps": map_table(), "networks": network_table()}.items():
+    for name, table in {"maps": map_table, "networks": network_table}.items():
         start, end = f"<!-- {name}: make architecture -->\n", f"<!-- end of {name} -->"
         if not 0 <= page.find(start) < page.find(end):
             raise InputError(f"{PAGE}: lacks the markers {start.strip()!r} and {end!r}; add them")
-        page = re.sub(f"{start}.*?{end}", f"{start}\n{table}\n{end}", page, flags=re.DOTALL)
+        page = re.sub(f"{start}.*?{end}", f"{start}\n{table()}\n{end}", page, flags=re.DOTALL)
     return page
 
 
@@ -56,7 +56,7 @@ def map_table() -> str:
         )
     ]  # fmt: skip
     total = sum(size**2 * boxes for size, boxes in zip(MAP_SIZES, BOXES_PER_CELL, strict=True))
-    headings = [f"Channels, width {width:g} ({name})" for name, width in widths().items()]
+    headings = [f"Channels at width {width:g} ({name})" for name, width in widths().items()]
     return markdown(
         ["Map", "Made by", "Size", *headings, "Boxes per cell", "Default boxes"],
         [*rows, ["", "all", "", *[""] * len(headings), "", f"{total:,}"]],

@@ -31,15 +31,11 @@ def random_images(count: int) -> Tensor:
 RANGES = (-20, -20, 10, 50, 0), (20, 20, 40, 90, 358)
 
 
-@pytest.fixture(scope="module", params=["b", "d"])
-def network(request: pytest.FixtureRequest) -> ShaftNetwork:
+@pytest.fixture(scope="module")
+def network() -> ShaftNetwork:
     """Random weights, but the batch normalisations have seen images: so scores differ."""
     torch.manual_seed(0)
-    backbone = InceptionV4Features(0.125)
-    if request.param == "b":
-        network = ShaftNetwork(backbone, ArchitectureB, BinCoder(*RANGES, steps=(1, 1, 1, 5, 5)))
-    else:
-        network = ShaftNetwork(backbone, ArchitectureD, RegressionCoder(*RANGES))
+    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, RegressionCoder(*RANGES))
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = None  # statistics are plain averages
@@ -131,3 +127,22 @@ def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
     for values in run(session, black_and_white):
         assert not values[0].any()
         assert values[1].any()
+
+
+def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
+    """Architecture B: its logits go in, the centres of the likeliest bins come out."""
+    torch.manual_seed(0)
+    coder = BinCoder(*RANGES, steps=(1, 1, 1, 5, 5))
+    network = ShaftNetwork(SampledColours(), ArchitectureB, coder)
+    detector = ShaftDetector(network, 250, 0.5, 20)
+    export_onnx(detector, tmp_path / "classes.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "classes.onnx")
+    images = random_images(4)
+    file = file_of(session)
+    parity = check_parity(detector, file, images.numpy(), least_score=0.0, continuous=False)
+    assert parity.holds
+    assert parity.detections == 4 * 20
+    _, _, poses = run(session, images)
+    bins = (poses - np.array(RANGES[0])) / coder.steps.numpy() - 0.5
+    np.testing.assert_allclose(bins, bins.round(), atol=1e-4)
+    assert all(len(np.unique(bins[..., dimension])) > 1 for dimension in range(5))

@@ -27,6 +27,7 @@ class BinCoder(PoseCoder):
     bins: their number in each dimension; `values` is the sum, in the order of the dimensions.
     """
 
+    continuous = False
     low: Tensor
     steps: Tensor
     last: Tensor

@@ -20,10 +20,12 @@ class PoseCoder(nn.Module, ABC):
     yaw_deg). What decoding needs of them are buffers: they travel with a checkpoint, because its
     weights mean nothing without them.
 
-    values: K, how many numbers a head predicts for each default box.
+    values: K, how many numbers a head predicts for each default box; continuous: whether outputs
+    that differ little stand for poses that differ little.
     """
 
     values: int
+    continuous: bool
 
     @abstractmethod
     def decode(self, predicted: Tensor) -> Tensor:
@@ -41,6 +43,7 @@ class PoseCoder(nn.Module, ABC):
 class RegressionCoder(PoseCoder):
     """One number for each dimension: its range is scaled to [-1, 1] (paper, III-C)."""
 
+    continuous = True
     low: Tensor
     high: Tensor
 
