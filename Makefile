@@ -16,10 +16,10 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench ui figures clean
+.PHONY: help env repro report test lint format bench ui figures architecture clean
 
 help:  ## this list
-	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 env: $(READY)  ## create .venv with pinned dependencies, after checking system libraries
 
@@ -72,6 +72,10 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
 	install -m 644 reports/d/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/d/silhouettes.jpg docs/images/silhouettes.jpg
+
+architecture: $(READY)  ## draw the picture and write the tables of docs/architecture.md
+	python tools/architecture_tables.py
+	python tools/architecture_diagram.py
 
 clean:  ## remove data/scratch, from which interrupted renders continue
 	rm -rf data/scratch

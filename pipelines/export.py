@@ -38,7 +38,7 @@ def main(config: Config) -> None:
     path = out / "model.onnx"
     export_onnx(detector, path, config["camera"]["size_px"])
     images, predictor = test_images(PARITY_IMAGES), Predictor(path)
-    parity = check_parity(detector, predictor, images)
+    parity = check_parity(detector, predictor, images, continuous=network.pose_coder.continuous)
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")

@@ -9,14 +9,18 @@ from stage import Config
 from shaftpose.config import PoseRanges, Variant, parse
 from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
-from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.shaft_network import ShaftNetwork
+
+BUILT = ("head", "pose_coder")  # what of a variant's file names classes
 
 
 def variant(config: Config) -> Variant:
     """What distinguishes the chosen variant, checked."""
-    values = {key: value for key, value in config["variant"].items() if key != "head"}
     file = f"conf/variant/{config['variant_file']}.yaml"
+    for part in BUILT:
+        if part not in config["variant"]:
+            raise InputError(f"{file}: {part} is missing; take it over from another variant")
+    values = {key: value for key, value in config["variant"].items() if key not in BUILT}
     chosen = parse(Variant, values, file)
     if chosen.name != config["variant_file"]:
         raise InputError(
@@ -36,7 +40,7 @@ def build_network(config: Config) -> ShaftNetwork:
     return ShaftNetwork(
         backbone=instantiate(config["backbone"]),
         head=instantiate(config["variant"]["head"]),
-        pose_coder=PoseCoder(ranges.low, ranges.high),
+        pose_coder=instantiate(config["variant"]["pose_coder"])(ranges.low, ranges.high),
     )
 
 

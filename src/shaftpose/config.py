@@ -220,7 +220,7 @@ class TrainingSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class Variant:
-    """What distinguishes a variant besides its head.
+    """What distinguishes a variant besides its head and its pose coder.
 
     noise: half-width of the uniform noise on half of the training images, grey levels; real_share:
     share of real images in training.

@@ -14,10 +14,12 @@ from torch.nn import functional
 from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.deployment.parity import check_parity
 from shaftpose.instruments import Detections
+from shaftpose.network.classification_head import ArchitectureB
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
-from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.pose_bins import BinCoder
+from shaftpose.network.pose_coding import RegressionCoder
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
 
@@ -26,16 +28,14 @@ def random_images(count: int) -> Tensor:
     return torch.randint(0, 256, (count, 299, 299, 3), generator=generator, dtype=torch.uint8)
 
 
-@pytest.fixture(scope="module")
-def pose_coder() -> PoseCoder:
-    return PoseCoder(low=(-20, -20, 10, 50, 0), high=(20, 20, 40, 90, 358))
+RANGES = (-20, -20, 10, 50, 0), (20, 20, 40, 90, 358)
 
 
 @pytest.fixture(scope="module")
-def network(pose_coder: PoseCoder) -> ShaftNetwork:
+def network() -> ShaftNetwork:
     """Random weights, but the batch normalisations have seen images: so scores differ."""
     torch.manual_seed(0)
-    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, pose_coder)
+    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, RegressionCoder(*RANGES))
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = None  # statistics are plain averages
@@ -111,9 +111,9 @@ class SampledColours(InceptionV4Features):
         return [functional.interpolate(images, (size, size)) for size in MAP_SIZES]
 
 
-def test_image_without_detection_is_all_zeros(pose_coder: PoseCoder, tmp_path: Path) -> None:
+def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
     """Scores of exactly 0 on a black image, of 1 on a white one, side by side in one batch."""
-    network = ShaftNetwork(SampledColours(), ArchitectureC, pose_coder)
+    network = ShaftNetwork(SampledColours(), ArchitectureC, RegressionCoder(*RANGES))
     assert isinstance(network.head, ArchitectureC)
     for conv in network.head.class_convs:
         assert isinstance(conv, nn.Conv2d) and conv.bias is not None
@@ -127,3 +127,22 @@ def test_image_without_detection_is_all_zeros(pose_coder: PoseCoder, tmp_path: P
     for values in run(session, black_and_white):
         assert not values[0].any()
         assert values[1].any()
+
+
+def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
+    """Architecture B: its logits go in, the centres of the likeliest bins come out."""
+    torch.manual_seed(0)
+    coder = BinCoder(*RANGES, steps=(1, 1, 1, 5, 5))
+    network = ShaftNetwork(SampledColours(), ArchitectureB, coder)
+    detector = ShaftDetector(network, 250, 0.5, 20)
+    export_onnx(detector, tmp_path / "classes.onnx")
+    session = onnxruntime.InferenceSession(tmp_path / "classes.onnx")
+    images = random_images(4)
+    file = file_of(session)
+    parity = check_parity(detector, file, images.numpy(), least_score=0.0, continuous=False)
+    assert parity.holds
+    assert parity.detections == 4 * 20
+    _, _, poses = run(session, images)
+    bins = (poses - np.array(RANGES[0])) / coder.steps.numpy() - 0.5
+    np.testing.assert_allclose(bins, bins.round(), atol=1e-4)
+    assert all(len(np.unique(bins[..., dimension])) > 1 for dimension in range(5))

@@ -57,6 +57,18 @@ def test_a_wrong_pose_and_a_wrong_score_do_not_hold() -> None:
     assert not check_parity(Known(), file_that_finds(BOXES, [0.9, 0.6], POSES), IMAGES).holds
 
 
+def test_one_class_in_a_hundred_may_be_another() -> None:
+    """Of two detections one, of none none; numbers are never excused."""
+    one, both = [POSES[0], [0.0, 0.0, 31.0, 60.0, 90.0]], [[5.0, 2.0, 20.0, 70.0, 359.9]] * 2
+    for poses, jumped, holds in ((POSES, 0, True), (one, 1, True), (both, 2, False)):
+        file = file_that_finds(BOXES, SCORES, poses)
+        parity = check_parity(Known(), file, IMAGES, continuous=False)
+        assert (parity.jumped, parity.jumps_allowed, parity.holds) == (jumped, 1, holds)
+        numbers = check_parity(Known(), file, IMAGES)
+        assert (numbers.jumped, numbers.jumps_allowed, numbers.holds) == (jumped, 0, jumped == 0)
+    assert check_parity(Known(), file, IMAGES, 0.95, continuous=False).jumps_allowed == 0
+
+
 def test_a_detection_that_is_not_found_is_missing() -> None:
     # What the file did find is better than what it lacks, but its list had room.
     parity = check_parity(Known(), file_that_finds(BOXES[:1], SCORES[:1]), IMAGES)

@@ -6,7 +6,7 @@ from shaftpose.network.decoding import decode
 from shaftpose.network.default_boxes import pairwise_iou, to_centre
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.nms import nms_mask
-from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.pose_coding import RegressionCoder
 
 
 def test_nms_by_hand() -> None:
@@ -63,7 +63,7 @@ def outputs_for(logits: list[float]) -> HeadOutputs:
     return HeadOutputs(class_logits[None], encode_boxes(boxes, DEFAULTS)[None], poses[None])
 
 
-def test_decode_by_hand(pose_coder: PoseCoder) -> None:
+def test_decode_by_hand(pose_coder: RegressionCoder) -> None:
     found = decode(outputs_for([1.0, 3.0, 2.0]), DEFAULTS, pose_coder, top_k=3, keep=3)
     sigmoid = torch.tensor([3.0, 2.0]).sigmoid().tolist()
     assert found.scores[0].tolist() == pytest.approx([*sigmoid, 0.0])
@@ -73,7 +73,7 @@ def test_decode_by_hand(pose_coder: PoseCoder) -> None:
     torch.testing.assert_close(found.poses[0], poses)
 
 
-def test_top_k_and_keep_limit_the_detections(pose_coder: PoseCoder) -> None:
+def test_top_k_and_keep_limit_the_detections(pose_coder: RegressionCoder) -> None:
     outputs = outputs_for([1.0, 3.0, 2.0])
     best = decode(outputs, DEFAULTS, pose_coder, top_k=3, keep=1)
     assert best.scores.shape == (1, 1) and best.poses[0, 0, 0] == 10
@@ -81,6 +81,6 @@ def test_top_k_and_keep_limit_the_detections(pose_coder: PoseCoder) -> None:
     assert decode(outputs, DEFAULTS, pose_coder, top_k=1, keep=1).poses[0, 0, 0] == 10
 
 
-def test_no_detection_is_all_zeros(pose_coder: PoseCoder) -> None:
+def test_no_detection_is_all_zeros(pose_coder: RegressionCoder) -> None:
     found = decode(outputs_for([-200.0] * 3), DEFAULTS, pose_coder, top_k=3, keep=2)
     assert not any(values.any() for values in found)

@@ -2,6 +2,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from shaftpose.network.classification_head import ArchitectureB
 from shaftpose.network.default_boxes import BOXES_PER_CELL, default_boxes
 from shaftpose.network.heads import ArchitectureC, ArchitectureD, flatten_maps
 from shaftpose.network.inception_v4 import MAP_SIZES
@@ -17,12 +18,13 @@ def random_features() -> list[Tensor]:
 Head = type[ArchitectureC] | type[ArchitectureD]
 
 
-@pytest.mark.parametrize("head_class", [ArchitectureC, ArchitectureD])
-def test_shapes(head_class: Head) -> None:
-    outputs = head_class(CHANNELS, BOXES_PER_CELL, 0.1)(random_features())
+@pytest.mark.parametrize("pose_values", [5, 190])
+@pytest.mark.parametrize("head_class", [ArchitectureB, ArchitectureC, ArchitectureD])
+def test_shapes(head_class: Head, pose_values: int) -> None:
+    outputs = head_class(CHANNELS, BOXES_PER_CELL, 0.1, pose_values)(random_features())
     assert outputs.class_logits.shape == (2, 7322, 2)
     assert outputs.box_offsets.shape == (2, 7322, 4)
-    assert outputs.poses.shape == (2, 7322, 5)
+    assert outputs.poses.shape == (2, 7322, pose_values)
 
 
 def coordinate_map(index: int, size: int) -> Tensor:
@@ -41,7 +43,7 @@ def test_order_of_cells_is_that_of_the_default_boxes() -> None:
 
 def test_order_of_boxes_in_a_cell_is_that_of_the_default_boxes() -> None:
     """Convolutions whose biases are the sizes of a cell's default boxes give them all back."""
-    head = ArchitectureC(CHANNELS, BOXES_PER_CELL, 1.0)
+    head = ArchitectureC(CHANNELS, BOXES_PER_CELL, 1.0, pose_values=5)
     defaults, start = default_boxes(), 0
     for conv, size, boxes in zip(head.box_convs, MAP_SIZES, BOXES_PER_CELL, strict=True):
         assert isinstance(conv, nn.Conv2d) and conv.bias is not None
@@ -52,10 +54,13 @@ def test_order_of_boxes_in_a_cell_is_that_of_the_default_boxes() -> None:
     torch.testing.assert_close(offsets[..., 2:], defaults[:, 2:].expand(2, -1, -1))
 
 
-@pytest.mark.parametrize(("head_class", "depends"), [(ArchitectureC, False), (ArchitectureD, True)])
+@pytest.mark.parametrize(
+    ("head_class", "depends"),
+    [(ArchitectureB, False), (ArchitectureC, False), (ArchitectureD, True)],
+)
 def test_only_d_feeds_class_and_box_into_the_pose(head_class: Head, depends: bool) -> None:
     torch.manual_seed(0)
-    head = head_class(CHANNELS, BOXES_PER_CELL, 0.1)
+    head = head_class(CHANNELS, BOXES_PER_CELL, 0.1, pose_values=5)
     head(random_features()).poses.square().sum().backward()
     for conv in (*head.class_convs, *head.box_convs):
         assert (conv.weight.grad is not None and bool(conv.weight.grad.any())) == depends

@@ -7,9 +7,10 @@ from shaftpose.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.default_boxes import default_boxes
 from shaftpose.network.heads import HeadOutputs
-from shaftpose.network.loss import LossTerms, ShaftLoss, hard_negatives
+from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.matching import match_boxes
-from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.pose_bins import BinCoder
+from shaftpose.network.pose_coding import PoseCoder, RegressionCoder
 
 # Ten boxes in a row that do not overlap; the ground truth is exactly the third one.
 DEFAULTS = torch.tensor([[0.05 + 0.1 * i, 0.5, 0.1, 0.2] for i in range(10)])
@@ -27,8 +28,8 @@ def targets(has_pose: bool = True, valid: bool = True, pose: list[float] = POSE)
     )
 
 
-def zero_outputs(batch: int = 1) -> HeadOutputs:
-    outputs = HeadOutputs(*(torch.zeros(batch, 10, values) for values in (2, 4, 5)))
+def zero_outputs(batch: int = 1, pose_values: int = 5) -> HeadOutputs:
+    outputs = HeadOutputs(*(torch.zeros(batch, 10, values) for values in (2, 4, pose_values)))
     for output in outputs:
         output.requires_grad_()
     return outputs
@@ -38,7 +39,7 @@ def paper_loss(outputs: HeadOutputs, truth: Targets, pose_coder: PoseCoder) -> L
     return PAPER_LOSS(outputs, truth, DEFAULTS, pose_coder)
 
 
-def test_value_by_hand(pose_coder: PoseCoder) -> None:
+def test_value_by_hand(pose_coder: RegressionCoder) -> None:
     outputs = zero_outputs()
     outputs.box_offsets.data[0, 2] = torch.tensor([0.5, 2.0, 0.0, 0.0])
     outputs.poses.data[0, :, 3] = 0.1  # pitch off by 0.1 on all boxes, of which 1 counts
@@ -53,7 +54,7 @@ def test_value_by_hand(pose_coder: PoseCoder) -> None:
     assert terms.total.item() == pytest.approx(confidence + 1.5 * box + pose)
 
 
-def test_perfect_answer_costs_nothing(pose_coder: PoseCoder) -> None:
+def test_perfect_answer_costs_nothing(pose_coder: RegressionCoder) -> None:
     defaults = default_boxes()
     truth = Targets(
         torch.tensor([[[0.2, 0.3, 0.8, 0.6], [0.1, 0.6, 0.3, 0.9]]]),
@@ -73,46 +74,54 @@ def test_perfect_answer_costs_nothing(pose_coder: PoseCoder) -> None:
     assert terms.total.item() == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("positives", "negatives"), [(0, 0), (1, 3), (2, 6), (3, 7)])
-def test_three_negatives_per_positive(positives: int, negatives: int) -> None:
-    positive = (torch.arange(10) < positives)[None]
-    chosen = hard_negatives(torch.zeros(1, 10, 2), positive, ratio=3)
-    assert int(chosen.sum()) == negatives
-    assert not (chosen & positive).any()
+def test_pose_classes_by_hand(bin_coder: BinCoder) -> None:
+    """Undecided but for pitch, of whose eight classes the fifth, 70..75 deg, is right."""
+    outputs = zero_outputs(pose_values=190)
+    outputs.poses.data[0, 2, 110 + 4] = math.log(7)  # exp of it is all that the others come to
+    terms = paper_loss(outputs, targets(), bin_coder)
+    chances = [1 / 40, 1 / 40, 1 / 30, 1 / 2, 1 / 72]
+    weighted = zip((1, 1, 2, 2, 2), chances, strict=True)
+    assert terms.pose.item() == pytest.approx(sum(-beta * math.log(p) for beta, p in weighted))
+    confidence = 4 * math.log(2)
+    assert terms.total.item() == pytest.approx(
+        confidence + 1.5 * terms.box.item() + terms.pose.item()
+    )
 
 
-def test_hardest_negatives_are_chosen_image_by_image() -> None:
-    instrument = torch.tensor([[9.0, 1, 7, 2, 3, 4], [0.0, 5, 4, 3, 2, 1]])
-    logits = torch.stack([torch.zeros(2, 6), instrument], dim=-1)
-    positive = torch.zeros(2, 6, dtype=torch.bool)
-    positive[0, 0] = positive[1, 1] = True
-    chosen = hard_negatives(logits, positive, ratio=2)
-    assert chosen.nonzero().tolist() == [[0, 2], [0, 5], [1, 2], [1, 3]]
-
-
-def test_images_without_pose_do_not_move_the_pose(pose_coder: PoseCoder) -> None:
-    outputs = zero_outputs(batch=2)
-    truth = Targets(
+def with_and_without_pose() -> Targets:
+    """Two images with a box each; the pose of the second one is unknown."""
+    return Targets(
         torch.tensor([[BOX], [BOX]]),
         torch.tensor([[POSE], [[math.nan] * 5]]),
         torch.ones(2, 1, dtype=torch.bool),
         torch.tensor([True, False]),
     )
-    terms = paper_loss(outputs, truth, pose_coder)
+
+
+@pytest.mark.parametrize("coder", ["pose_coder", "bin_coder"])
+def test_images_without_pose_do_not_move_the_pose(
+    coder: str, request: pytest.FixtureRequest
+) -> None:
+    pose_coder: PoseCoder = request.getfixturevalue(coder)
+    outputs = zero_outputs(batch=2, pose_values=pose_coder.values)
+    terms = paper_loss(outputs, with_and_without_pose(), pose_coder)
     terms.total.backward()
     pose_gradient, class_gradient = outputs.poses.grad, outputs.class_logits.grad
     assert pose_gradient is not None and class_gradient is not None
+    assert pose_gradient.isfinite().all()
     assert pose_gradient[0].any() and not pose_gradient[1].any()
     assert class_gradient[1].any()
-    assert terms.pose.item() == pytest.approx(4.5 / 2)  # x alone is off, over two matched boxes
+    alone = paper_loss(zero_outputs(pose_values=pose_coder.values), targets(), pose_coder)
+    assert alone.pose > 1
+    assert terms.pose.item() == pytest.approx(alone.pose.item() / 2)  # over two matched boxes
 
 
-def test_no_instrument_no_loss(pose_coder: PoseCoder) -> None:
+def test_no_instrument_no_loss(pose_coder: RegressionCoder) -> None:
     terms = paper_loss(zero_outputs(), targets(valid=False), pose_coder)
     assert [term.item() for term in terms] == [0, 0, 0, 0, 0]
 
 
-def test_batch_without_any_ground_truth(pose_coder: PoseCoder) -> None:
+def test_batch_without_any_ground_truth(pose_coder: RegressionCoder) -> None:
     empty = Targets(
         torch.zeros(1, 0, 4), torch.zeros(1, 0, 5),
         torch.zeros(1, 0, dtype=torch.bool), torch.tensor([True]),
@@ -122,7 +131,7 @@ def test_batch_without_any_ground_truth(pose_coder: PoseCoder) -> None:
     assert terms.total.item() == 0
 
 
-def test_half_precision_outputs_are_summed_in_float32(pose_coder: PoseCoder) -> None:
+def test_half_precision_outputs_are_summed_in_float32(pose_coder: RegressionCoder) -> None:
     outputs = HeadOutputs(*(output.bfloat16() for output in zero_outputs()))
     with torch.autocast("cpu", dtype=torch.bfloat16):
         terms = paper_loss(outputs, targets(), pose_coder)

@@ -10,6 +10,9 @@ from hydra.core.hydra_config import HydraConfig
 from lightning import Trainer
 from omegaconf import OmegaConf
 
+from shaftpose.errors import InputError
+from shaftpose.network.pose_bins import BinCoder
+
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "pipelines"))
 
@@ -47,6 +50,27 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
 def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))
     assert network.backbone.width == 0.0625
+
+
+@pytest.mark.parametrize(("variant", "values"), [("b", 40 + 40 + 30 + 8 + 72), ("c", 5), ("d", 5)])
+def test_poses_are_coded_as_the_variant_says(variant: str, values: int) -> None:
+    network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))
+    assert network.pose_coder.values == values
+
+
+def test_classes_follow_the_steps_and_the_ranges() -> None:
+    steps, ranges = "variant.pose_coder.steps=[2,2,2,10,10]", "poses.z_mm=[10,20]"
+    network = networks.build_network(composed("variant=b", "profile=smoke", steps, ranges))
+    assert isinstance(network.pose_coder, BinCoder)
+    assert network.pose_coder.bins == (20, 20, 5, 4, 36)
+
+
+@pytest.mark.parametrize("part", ["head", "pose_coder"])
+def test_a_variant_without_a_part_is_named(part: str) -> None:
+    config = composed("variant=b", "profile=smoke")
+    del config["variant"][part]
+    with pytest.raises(InputError, match=f"conf/variant/b.yaml: {part} is missing"):
+        networks.variant(config)
 
 
 @pytest.mark.parametrize("trainer", ["auto", "cpu"])

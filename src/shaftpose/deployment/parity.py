@@ -1,5 +1,6 @@
 """Does the exported file do what the PyTorch detector does?"""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from shaftpose.instruments import Detections
 # Far below what matters, far above what float32 rounding does.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
 TIE = 1e-4
+# Of poses that are classes, the share that may be another class in the file: rounding chooses among
+# equal logits. Of a network that was never trained it was 0.2 %.
+JUMPS = 0.01
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,8 @@ class Parity:
     """Counts of detections, and the largest differences of those that both sides have; mm and deg.
 
     detections: those of PyTorch; missing: those that the file lacks; extra: those that the file
-    alone has; tied: those that one side alone has because rounding chose among equal scores.
+    alone has; tied: those that one side alone has because rounding chose among equal scores;
+    jumped: those whose poses differ by more than the tolerance, `jumps_allowed` of which may be.
     """
 
     images: int
@@ -31,21 +36,30 @@ class Parity:
     tied: int
     missing: int
     extra: int
+    jumped: int
+    jumps_allowed: int
     score: float
     box_px: float
     pose: float
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is missing or extra and every difference is within its tolerance."""
+        """Whether nothing is missing or extra and the differences are within their tolerances."""
         same = self.missing == self.extra == 0
-        return same and self.score <= SCORE_TOLERANCE and self.pose <= POSE_TOLERANCE
+        return same and self.score <= SCORE_TOLERANCE and self.jumped <= self.jumps_allowed
 
 
 def check_parity(
-    detector: nn.Module, predictor: Predictor, images: NDArray[np.uint8], least_score: float = 0.1
+    detector: nn.Module,
+    predictor: Predictor,
+    images: NDArray[np.uint8],
+    least_score: float = 0.1,
+    continuous: bool = True,
 ) -> Parity:
-    """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB."""
+    """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB.
+
+    continuous: whether the poses are numbers and not classes.
+    """
     with torch.inference_mode():
         outputs = detector.eval()(torch.from_numpy(images))
     boxes, scores, poses = (values.double().numpy() for values in outputs)
@@ -68,6 +82,8 @@ def check_parity(
         tied=singles["tied"],
         missing=singles["missing"],
         extra=singles["extra"],
+        jumped=sum(apart > POSE_TOLERANCE for _, _, apart in differences),
+        jumps_allowed=0 if continuous else math.ceil(JUMPS * detections),
         score=score,
         box_px=box_px,
         pose=pose,

@@ -43,8 +43,7 @@ def decode(
     survivors = scores * nms_mask(boxes, scores, iou_threshold)
     scores, kept = survivors.topk(keep, dim=1)
     found = (scores > 0)[..., None]
-    codes = gather_rows(gather_rows(outputs.poses.float(), chosen), kept)
-    poses = pose_coder.decode(codes)
+    poses = pose_coder.decode(gather_rows(gather_rows(outputs.poses.float(), chosen), kept))
     return DecodedOutputs(
         torch.where(found, gather_rows(boxes, kept), 0.0), scores, torch.where(found, poses, 0.0)
     )

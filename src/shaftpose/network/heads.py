@@ -1,7 +1,8 @@
 """Prediction heads: six feature maps in, class, box and pose of every default box out.
 
-A head is a module built from `(in_channels, boxes_per_cell, width)`: the channels of each map, the
-default boxes in each of its cells, and the network's width. It returns `HeadOutputs`.
+A head is a module built from `(in_channels, boxes_per_cell, width, pose_values)`: the channels of
+each map, the default boxes in each of its cells, the network's width, and how many numbers code the
+pose of one box (see `PoseCoder`). It returns `HeadOutputs`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,14 +15,13 @@ from shaftpose.network.layers import ConvBNReLU, scale_channels
 
 CLASSES = 2  # background, instrument
 BOX_OFFSETS = 4
-POSE_DIMENSIONS = 5
 
 
 class HeadOutputs(NamedTuple):
     """The raw predictions for each of A default boxes.
 
     class_logits: (B, A, 2), background then instrument; box_offsets: (B, A, 4) in SSD's coding;
-    poses: (B, A, 5), scaled to [-1, 1].
+    poses: (B, A, pose_values), as the network's `PoseCoder` codes them.
     """
 
     class_logits: Tensor
@@ -36,19 +36,24 @@ class ArchitectureC(nn.Module):
     """
 
     def __init__(
-        self, in_channels: Sequence[int], boxes_per_cell: Sequence[int], width: float
+        self,
+        in_channels: Sequence[int],
+        boxes_per_cell: Sequence[int],
+        width: float,
+        pose_values: int,
     ) -> None:
         super().__init__()
+        self.pose_values = pose_values
         self.class_convs = prediction_convs(in_channels, boxes_per_cell, CLASSES)
         self.box_convs = prediction_convs(in_channels, boxes_per_cell, BOX_OFFSETS)
-        self.pose_convs = prediction_convs(in_channels, boxes_per_cell, POSE_DIMENSIONS)
+        self.pose_convs = prediction_convs(in_channels, boxes_per_cell, pose_values)
 
     def forward(self, features: Sequence[Tensor]) -> HeadOutputs:
         """Six maps (B, in_channels[i], h_i, w_i) -> predictions for A default boxes."""
         return HeadOutputs(
             flatten_maps(apply_each(self.class_convs, features), CLASSES),
             flatten_maps(apply_each(self.box_convs, features), BOX_OFFSETS),
-            flatten_maps(apply_each(self.pose_convs, features), POSE_DIMENSIONS),
+            flatten_maps(apply_each(self.pose_convs, features), self.pose_values),
         )
 
 
@@ -56,13 +61,18 @@ class ArchitectureD(nn.Module):
     """The paper's proposal: what is predicted for class and box feeds the pose path."""
 
     def __init__(
-        self, in_channels: Sequence[int], boxes_per_cell: Sequence[int], width: float
+        self,
+        in_channels: Sequence[int],
+        boxes_per_cell: Sequence[int],
+        width: float,
+        pose_values: int,
     ) -> None:
         super().__init__()
+        self.pose_values = pose_values
         self.class_convs = prediction_convs(in_channels, boxes_per_cell, CLASSES)
         self.box_convs = prediction_convs(in_channels, boxes_per_cell, BOX_OFFSETS)
         self.pose_paths = nn.ModuleList(
-            ConditionedPosePath(channels, boxes, width)
+            ConditionedPosePath(channels, boxes, width, pose_values)
             for channels, boxes in zip(in_channels, boxes_per_cell, strict=True)
         )
 
@@ -74,24 +84,24 @@ class ArchitectureD(nn.Module):
         return HeadOutputs(
             flatten_maps(class_maps, CLASSES),
             flatten_maps(box_maps, BOX_OFFSETS),
-            flatten_maps(pose_maps, POSE_DIMENSIONS),
+            flatten_maps(pose_maps, self.pose_values),
         )
 
 
 class ConditionedPosePath(nn.Module):
     """Architecture D's pose path on one map with N default boxes per cell."""
 
-    def __init__(self, in_channels: int, boxes: int, width: float) -> None:
+    def __init__(self, in_channels: int, boxes: int, width: float, pose_values: int) -> None:
         super().__init__()
         wide = scale_channels(256, width)
         narrow = max(16, scale_channels(64, width))
         self.from_feature = ConvBNReLU(in_channels, wide, 3, padding=1)
         self.from_detection = ConvBNReLU(boxes * (CLASSES + BOX_OFFSETS), narrow, 1)
         self.merge = ConvBNReLU(wide + narrow, wide, 3, padding=1)
-        self.predict = nn.Conv2d(wide, boxes * POSE_DIMENSIONS, 3, padding=1)
+        self.predict = nn.Conv2d(wide, boxes * pose_values, 3, padding=1)
 
     def forward(self, feature: Tensor, class_map: Tensor, box_map: Tensor) -> Tensor:
-        """(B, in_channels, h, w), (B, 2 N, h, w) and (B, 4 N, h, w) -> (B, 5 N, h, w)."""
+        """(B, in_channels, h, w), (B, 2 N, h, w) and (B, 4 N, h, w) -> (B, pose_values N, h, w)."""
         detection = self.from_detection(torch.cat([class_map, box_map], dim=1))
         return self.predict(self.merge(torch.cat([self.from_feature(feature), detection], dim=1)))
 

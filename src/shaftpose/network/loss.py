@@ -1,6 +1,8 @@
-"""The paper's loss: L = (L_conf + alpha L_bbox + L_pose) / n.
+"""The paper's loss (III-E): L = (L_conf + alpha L_bbox + L_pose) / n.
 
-n is the number of matched default boxes in the batch, 1 if there is none.
+n is the number of matched default boxes in the batch, 1 if there is none. Which boxes those are is
+`matching`'s business, which background boxes count is `mining`'s, and how boxes and poses stand in
+the outputs that of `box_coding` and of the network's `PoseCoder`.
 """
 
 from collections.abc import Sequence
@@ -14,7 +16,9 @@ from shaftpose.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.matching import match_boxes
+from shaftpose.network.mining import hard_negatives
 from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.smooth_l1 import smooth_l1
 
 
 class LossTerms(NamedTuple):
@@ -40,7 +44,10 @@ class Assignment(NamedTuple):
 
 
 class ShaftLoss(nn.Module):
-    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors."""
+    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors.
+
+    `negative_ratio`: mined background boxes for each matched one.
+    """
 
     beta: Tensor
 
@@ -67,7 +74,8 @@ class ShaftLoss(nn.Module):
         confidence = self.confidence_loss(outputs, assignment) / n
         box = self.box_loss(outputs, targets, assignment, defaults) / n
         pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n
-        return LossTerms(confidence + self.alpha * box + pose, confidence, box, pose, matched)
+        total = confidence + self.alpha * box + pose
+        return LossTerms(total, confidence, box, pose, matched)
 
     def assign(self, outputs: HeadOutputs, targets: Targets, defaults: Tensor) -> Assignment:
         """Match default boxes with the ground truth and mine hard negatives."""
@@ -99,32 +107,18 @@ class ShaftLoss(nn.Module):
         assignment: Assignment,
         pose_coder: PoseCoder,
     ) -> Tensor:
-        """L_pose: the sum over p of beta_p smoothL1(gamma (pred_p - target_p)).
+        """L_pose: the sum over p of beta_p L_1(gamma (pred_p - target_p)), L_1 being smooth L1.
 
-        Over matched boxes of images whose poses are known. The paper also speaks of outputs "set
-        to 0 if the instruments are not on that location"; docs/conventions.md says why that is no
-        part of the loss.
+        Over matched boxes of images whose poses are known. A coder of classes has cross-entropy in
+        the place of L_1 (see `PoseCoder.errors`). The paper also speaks of outputs "set to 0 if the
+        instruments are not on that location"; docs/conventions.md says why that is no part of the
+        loss.
         """
-        poses = pose_coder.encode(gather_truth(targets.poses, assignment.truth))
-        counts = assignment.positive & targets.has_pose[:, None]
-        error = torch.where(counts[..., None], outputs.poses - poses, 0.0)
-        return (self.beta * smooth_l1(self.gamma * error)).sum()
-
-
-def hard_negatives(class_logits: Tensor, positive: Tensor, ratio: int) -> Tensor:
-    """(B, A) bool: per image, the `ratio` x positives background boxes that look least like it.
-
-    class_logits: (B, A, 2); positive: (B, A) bool. An image without positives gives no negatives;
-    one with too few background boxes gives all of them.
-    """
-    # The loss of a background box grows with the difference of its logits.
-    difficulty = (class_logits[..., 1] - class_logits[..., 0]).detach()
-    difficulty = difficulty.masked_fill(positive, -torch.inf)
-    wanted = ratio * positive.sum(dim=1, keepdim=True)
-    most = min(int(wanted.max()), difficulty.shape[1])
-    hardest = difficulty.topk(most, dim=1).indices
-    mined = torch.arange(most, device=wanted.device) < wanted
-    return torch.zeros_like(positive).scatter_(1, hardest, mined) & ~positive
+        counts = (assignment.positive & targets.has_pose[:, None])[..., None]
+        # An unknown pose may be NaN; so would be its gradient, even where nothing is asked of it.
+        poses = torch.where(counts, gather_truth(targets.poses, assignment.truth), 0.0)
+        errors = pose_coder.errors(outputs.poses, poses, self.gamma)
+        return (self.beta * torch.where(counts, errors, 0.0)).sum()
 
 
 def gather_truth(values: Tensor, truth: Tensor) -> Tensor:
@@ -135,8 +129,3 @@ def gather_truth(values: Tensor, truth: Tensor) -> Tensor:
     if values.shape[1] == 0:
         return values.new_zeros(*truth.shape, values.shape[2])
     return values.gather(1, truth[..., None].expand(-1, -1, values.shape[2]))
-
-
-def smooth_l1(error: Tensor) -> Tensor:
-    """0.5 e^2 where |e| < 1, else |e| - 0.5; any shape."""
-    return functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")

@@ -1,23 +1,55 @@
-"""Poses in mm and degrees as the network sees them: each dimension's range becomes [-1, 1]."""
+"""What a head's numbers say about a pose: the interface, and the paper's regression.
 
+Heads, loss, decoding and export know poses through a `PoseCoder` alone; a variant's file chooses
+which. `pose_bins` holds the other one.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 
+from shaftpose.network.smooth_l1 import smooth_l1
 
-class PoseCoder(nn.Module):
-    """Scales poses to [-1, 1] and back.
 
-    `low` and `high` (5 values each: x_mm, y_mm, z_mm, pitch_deg, yaw_deg) are buffers: they travel
-    with a checkpoint, because its weights mean nothing without them.
+class PoseCoder(nn.Module, ABC):
+    """The coding of poses in K numbers per default box.
+
+    Made from the ranges of poses, `low` and `high` (5 values each: x_mm, y_mm, z_mm, pitch_deg,
+    yaw_deg). What decoding needs of them are buffers: they travel with a checkpoint, because its
+    weights mean nothing without them.
+
+    values: K, how many numbers a head predicts for each default box; continuous: whether outputs
+    that differ little stand for poses that differ little.
     """
 
+    values: int
+    continuous: bool
+
+    @abstractmethod
+    def decode(self, predicted: Tensor) -> Tensor:
+        """(..., K) -> (..., 5) mm and deg, yaw in [0, 360)."""
+
+    @abstractmethod
+    def errors(self, predicted: Tensor, poses: Tensor, gamma: float) -> Tensor:
+        """How far off each dimension is, as L_pose counts it before it is weighed by beta.
+
+        predicted: (..., K); poses: (..., 5) mm and deg, the truth -> (..., 5). `gamma` scales
+        differences between numbers; a coding without such differences has no use for it.
+        """
+
+
+class RegressionCoder(PoseCoder):
+    """One number for each dimension: its range is scaled to [-1, 1] (paper, III-C)."""
+
+    continuous = True
     low: Tensor
     high: Tensor
 
     def __init__(self, low: Sequence[float], high: Sequence[float]) -> None:
         super().__init__()
+        self.values = len(low)
         self.register_buffer("low", torch.tensor(low, dtype=torch.float32))
         self.register_buffer("high", torch.tensor(high, dtype=torch.float32))
 
@@ -25,10 +57,18 @@ class PoseCoder(nn.Module):
         """(..., 5) mm and deg -> (..., 5), in [-1, 1] within the ranges."""
         return 2 * (poses - self.low) / (self.high - self.low) - 1
 
-    def decode(self, codes: Tensor) -> Tensor:
+    def decode(self, predicted: Tensor) -> Tensor:
         """(..., 5) codes -> (..., 5) mm and deg, yaw in [0, 360)."""
-        poses = self.low + (codes + 1) / 2 * (self.high - self.low)
-        return torch.cat([poses[..., :4], _wrap_deg(poses[..., 4:])], dim=-1)
+        return wrap_yaw(self.low + (predicted + 1) / 2 * (self.high - self.low))
+
+    def errors(self, predicted: Tensor, poses: Tensor, gamma: float) -> Tensor:
+        """smoothL1(gamma (predicted - target)) of each dimension, (..., 5) (paper, III-E)."""
+        return smooth_l1(gamma * (predicted - self.encode(poses)))
+
+
+def wrap_yaw(poses: Tensor) -> Tensor:
+    """Poses (..., 5) with yaw in [0, 360) deg."""
+    return torch.cat([poses[..., :4], _wrap_deg(poses[..., 4:])], dim=-1)
 
 
 def _wrap_deg(angle: Tensor) -> Tensor:

@@ -14,7 +14,8 @@ from shaftpose.network.pose_coding import PoseCoder
 class ShaftNetwork(nn.Module):
     """Finds shafts and their poses in one pass.
 
-    `head` builds a head from `in_channels`, `boxes_per_cell` and `width` (see `heads`).
+    `head` builds a head from `in_channels`, `boxes_per_cell`, `width` and `pose_values` (see
+    `heads`), the last as `pose_coder` says; it also reads the head's poses.
     """
 
     defaults: Tensor
@@ -28,7 +29,10 @@ class ShaftNetwork(nn.Module):
         super().__init__()
         self.backbone = backbone
         self.head = head(
-            in_channels=backbone.channels, boxes_per_cell=BOXES_PER_CELL, width=backbone.width
+            in_channels=backbone.channels,
+            boxes_per_cell=BOXES_PER_CELL,
+            width=backbone.width,
+            pose_values=pose_coder.values,
         )
         self.pose_coder = pose_coder
         self.register_buffer("defaults", default_boxes(), persistent=False)

@@ -1,0 +1,66 @@
+"""docs/architecture.md agrees with the code: its names exist and its tables are up to date."""
+
+import importlib
+import re
+import sys
+from functools import reduce
+from pathlib import Path
+
+import pytest
+import yaml
+
+from shaftpose.errors import InputError
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+
+import architecture_tables  # noqa: E402
+
+PAGE = (ROOT / "docs/architecture.md").read_text()
+# `module.Class.method` of the package's network.
+NAMES = sorted(set(re.findall(r"`([a-z]\w*(?:\.\w+)+)`", PAGE)))
+
+
+def test_names_of_the_page_are_known() -> None:
+    named = [name for name in NAMES if not name.endswith((".yaml", ".md"))]
+    assert len(named) > 20
+    for name in named:
+        module, *attributes = name.split(".")
+        found = importlib.import_module(f"shaftpose.network.{module}")
+        assert reduce(getattr, attributes, found), name
+
+
+def test_tables_are_those_of_the_code() -> None:
+    assert architecture_tables.with_tables(PAGE) == PAGE, "run `make architecture`"
+
+
+def test_a_page_without_markers_is_refused() -> None:
+    with pytest.raises(InputError, match="lacks the markers '<!-- maps: make architecture -->'"):
+        architecture_tables.with_tables("# Architecture\n")
+
+
+def test_variants_with_one_network_share_a_row() -> None:
+    groups = [names.split(", ") for names in architecture_tables.networks()]
+    variants = [path.stem for path in (ROOT / "conf/variant").glob("*.yaml")]
+    assert sorted(name for group in groups for name in group) == sorted(variants)
+    (group,) = [group for group in groups if "d" in group]
+    assert {"d_noise", "d_noise_real"} <= set(group)
+    assert not {"b", "c"} & set(group)
+
+
+def test_counts_by_hand() -> None:
+    """C's head at width 1: 3 x 3 convolutions with bias, 11 values for each box."""
+    channels, boxes = (384, 1024, 1536, 512, 256, 256), (4, 6, 6, 6, 4, 4)
+    sizes = (35, 17, 9, 5, 3, 2)
+    c = architecture_tables.build(yaml.safe_load((ROOT / "conf/variant/c.yaml").read_text()), 1.0)
+    weights = [9 * n * 11 * k for n, k in zip(channels, boxes, strict=True)]
+    assert architecture_tables.parameters(c.head) == sum(weights) + 11 * sum(boxes)
+    head = sum(2 * w * size**2 for w, size in zip(weights, sizes, strict=True)) / 1e9
+    flops = architecture_tables.flops
+    assert flops(c) - flops(c.backbone) == pytest.approx(head)
+
+
+def test_the_picture_is_small() -> None:
+    picture = (ROOT / "docs/images/architecture.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) < 200_000

@@ -1,0 +1,145 @@
+"""Write the tables of docs/architecture.md: maps, default boxes, parameters and FLOPs.
+
+The networks are those that training builds: of the files of conf/variant, at the widths of
+conf/profiles.yaml. They are built without memory for their weights (torch's device `meta`).
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from hydra.utils import instantiate
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from shaftpose.config import PoseRanges, parse
+from shaftpose.errors import InputError
+from shaftpose.network.default_boxes import BOXES_PER_CELL
+from shaftpose.network.heads import BOX_OFFSETS, CLASSES
+from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.shaft_network import ShaftNetwork
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs/architecture.md"
+PROFILES = ("paper", "bench", "demo")
+IMAGE = (1, 3, 299, 299)
+
+
+def main() -> None:
+    """Put the tables into the page, between its markers."""
+    PAGE.write_text(with_tables(PAGE.read_text()))
+
+
+def with_tables(page: str) -> str:
+    """The page with what stands between its markers made anew."""
+    for name, table in {"maps": map_table, "networks": network_table}.items():
+        start, end = f"<!-- {name}: make architecture -->\n", f"<!-- end of {name} -->"
+        if not 0 <= page.find(start) < page.find(end):
+            raise InputError(f"{PAGE}: lacks the markers {start.strip()!r} and {end!r}; add them")
+        page = re.sub(f"{start}.*?{end}", f"{start}\n{table()}\n{end}", page, flags=re.DOTALL)
+    return page
+
+
+def map_table() -> str:
+    """The six maps: how they are made, their sizes, channels and default boxes."""
+    with torch.device("meta"):
+        backbones = [InceptionV4Features(width) for width in widths().values()]
+    rows = [
+        [i + 1, stage, f"{size} x {size}", *channels, boxes, f"{size * size * boxes:,}"]
+        for i, (stage, size, *channels, boxes) in enumerate(
+            zip(
+                stages(backbones[0]), MAP_SIZES, *(b.channels for b in backbones), BOXES_PER_CELL,
+                strict=True,
+            )
+        )
+    ]  # fmt: skip
+    total = sum(size**2 * boxes for size, boxes in zip(MAP_SIZES, BOXES_PER_CELL, strict=True))
+    headings = [f"Channels at width {width:g} ({name})" for name, width in widths().items()]
+    return markdown(
+        ["Map", "Made by", "Size", *headings, "Boxes per cell", "Default boxes"],
+        [*rows, ["", "all", "", *[""] * len(headings), "", f"{total:,}"]],
+    )
+
+
+def stages(backbone: InceptionV4Features) -> list[str]:
+    """What leads to each map from the one before."""
+    blocks = [len(stage[1]) for stage in backbone.trunk]
+    entries = ("stem", "Reduction-A", "Reduction-B, padded")
+    trunk = [
+        f"{entry}, {count} Inception-{letter}"
+        for entry, count, letter in zip(entries, blocks, "ABC", strict=True)
+    ]
+    return [*trunk, *["1 x 1, then 3 x 3 of stride 2"] * len(backbone.extra)]
+
+
+def network_table() -> str:
+    """Parameters and FLOPs of each network at each width."""
+    rows = []
+    for names, file in networks().items():
+        for profile, width in widths().items():
+            network = build(file, width)
+            values = network.pose_coder.values
+            backbone, head = parameters(network.backbone), parameters(network.head)
+            rows.append(
+                [
+                    names, values, CLASSES + BOX_OFFSETS + values, f"{width:g} ({profile})",
+                    f"{backbone:,}", f"{head:,}", f"{backbone + head:,}", f"{flops(network):.2f}",
+                ]
+            )  # fmt: skip
+    return markdown(
+        ["Variant", "Pose values", "Values per box", "Width", "Backbone", "Head",
+         "Parameters", "GFLOPs"],
+        rows,
+    )  # fmt: skip
+
+
+def widths() -> dict[str, float]:
+    """Profile -> width."""
+    profiles = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
+    return {name: profiles[name]["width"] for name in PROFILES}
+
+
+def networks() -> dict[str, dict[str, Any]]:
+    """The names of the variants that have the same network -> the file of one of them."""
+    same: dict[str, list[dict[str, Any]]] = {}
+    for path in sorted((ROOT / "conf/variant").glob("*.yaml")):
+        file = yaml.safe_load(path.read_text())
+        same.setdefault(f"{file['head']} {file['pose_coder']}", []).append(file)
+    return {", ".join(file["name"] for file in files): files[0] for files in same.values()}
+
+
+def build(file: dict[str, Any], width: float) -> ShaftNetwork:
+    """The network of a variant, without memory for its weights."""
+    poses = yaml.safe_load((ROOT / "params.yaml").read_text())["poses"]
+    ranges = parse(PoseRanges, poses, "params.yaml: poses")
+    with torch.device("meta"):
+        coder = instantiate(file["pose_coder"])(ranges.low, ranges.high)
+        return ShaftNetwork(InceptionV4Features(width), instantiate(file["head"]), coder).eval()
+
+
+def parameters(module: nn.Module) -> int:
+    """Trained weights."""
+    return sum(weights.numel() for weights in module.parameters())
+
+
+def flops(network: nn.Module) -> float:
+    """Floating point operations of one image's way through a network, in 10^9.
+
+    Those of convolutions, two for each multiplication with addition.
+    """
+    counter = FlopCounterMode(display=False)
+    with torch.no_grad(), counter:
+        network(torch.zeros(IMAGE, device="meta"))
+    return counter.get_total_flops() / 1e9
+
+
+def markdown(headings: list[str], rows: list[list[Any]]) -> str:
+    """A table in Markdown, a line for each row."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
