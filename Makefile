@@ -70,5 +70,5 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	install -m 644 reports/d/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/d/silhouettes.jpg docs/images/silhouettes.jpg
 
-clean:  ## remove interrupted renders and other scratch (finished outputs stay)
+clean:  ## remove interrupted renders and trainings and other scratch (finished outputs stay)
 	rm -rf data/scratch outputs

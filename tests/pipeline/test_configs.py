@@ -1,5 +1,6 @@
 """Every combination of configuration files composes and builds what it names."""
 
+import inspect
 import sys
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
+from lightning import Trainer
 from omegaconf import OmegaConf
 
 ROOT = Path(__file__).parents[2]
@@ -48,9 +50,22 @@ def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     assert network.backbone.width == 0.0625
 
 
-@pytest.mark.parametrize("trainer", ["auto", "cpu"])
-def test_trainers_compose(trainer: str) -> None:
-    assert composed(f"trainer={trainer}")["trainer"]["accelerator"] == trainer
+@pytest.mark.parametrize(
+    ("trainer", "accelerator", "devices"),
+    [("auto", "auto", 1), ("cpu", "cpu", 1), ("gpu", "gpu", 1), ("ddp", "gpu", "auto")],
+)
+def test_trainers_compose(trainer: str, accelerator: str, devices: int | str) -> None:
+    chosen = composed(f"trainer={trainer}")["trainer"]
+    assert (chosen["accelerator"], chosen["devices"]) == (accelerator, devices)
+    assert chosen.keys() <= inspect.signature(Trainer).parameters.keys()
+
+
+def test_the_slurm_trainer_takes_its_size_from_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SLURM_NNODES", "3")
+    monkeypatch.setenv("SLURM_NTASKS_PER_NODE", "4")
+    chosen = composed("trainer=slurm")["trainer"]
+    assert (chosen["num_nodes"], chosen["devices"], chosen["strategy"]) == (3, 4, "ddp")
+    assert chosen.keys() <= inspect.signature(Trainer).parameters.keys()
 
 
 @pytest.mark.parametrize("launcher", ["workstation", "slurm"])

@@ -1,6 +1,10 @@
 """The paper's loss: L = (L_conf + alpha L_bbox + L_pose) / n.
 
 n is the number of matched default boxes in the batch, 1 if there is none.
+
+A distributed training shares a batch out among R ranks and follows the mean of their gradients.
+Each therefore divides by n / R, where n is that of the whole batch: the mean of the ranks' losses,
+(1 / R) sum_r L_r / (n / R) = sum_r L_r / n, is the loss of one process that has the whole batch.
 """
 
 from collections.abc import Sequence
@@ -11,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from shaftpose.batches import Targets
+from shaftpose.network import ranks
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.matching import match_boxes
@@ -18,7 +23,10 @@ from shaftpose.network.pose_coding import PoseCoder
 
 
 class LossTerms(NamedTuple):
-    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
+    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes.
+
+    In a distributed training the matched boxes are those of all ranks, the rest is the rank's own.
+    """
 
     total: Tensor
     confidence: Tensor
@@ -62,8 +70,8 @@ class ShaftLoss(nn.Module):
         """
         outputs = HeadOutputs(*(output.float() for output in outputs))
         assignment = self.assign(outputs, targets, defaults)
-        matched = assignment.positive.sum()
-        n = matched.clamp(min=1)
+        matched = ranks.total(assignment.positive.sum().float())
+        n = matched.clamp(min=1) / ranks.count()
         confidence = self.confidence_loss(outputs, assignment) / n
         box = self.box_loss(outputs, targets, assignment, defaults) / n
         pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n
