@@ -23,10 +23,7 @@ from shaftpose.network.pose_coding import PoseCoder
 
 
 class LossTerms(NamedTuple):
-    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes.
-
-    In a distributed training the matched boxes are those of all ranks, the rest is the rank's own.
-    """
+    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
 
     total: Tensor
     confidence: Tensor
@@ -70,8 +67,8 @@ class ShaftLoss(nn.Module):
         """
         outputs = HeadOutputs(*(output.float() for output in outputs))
         assignment = self.assign(outputs, targets, defaults)
-        matched = ranks.total(assignment.positive.sum().float())
-        n = matched.clamp(min=1) / ranks.count()
+        matched = assignment.positive.sum().float()
+        n = ranks.total(matched).clamp(min=1) / ranks.count()
         confidence = self.confidence_loss(outputs, assignment) / n
         box = self.box_loss(outputs, targets, assignment, defaults) / n
         pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n

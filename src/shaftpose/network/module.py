@@ -47,14 +47,13 @@ class ShaftModule(LightningModule):
         """The scalar loss of a batch. If it is no longer a number, the batch is written to the
         trainer's folder and the training stops."""
         terms = self._loss_terms(self._outputs(batch), batch)
-        # Of all ranks: they stop together.
-        mean = LossTerms(*ranks.total(torch.stack(terms)) / ranks.count())
-        if not torch.isfinite(mean.total):
+        whole = terms_of_all_ranks(terms)
+        if not torch.isfinite(whole.total):  # for all ranks or none: they stop together
             raise InputError(
-                f"the training loss is {mean.total.item()} at step {self.global_step}: lower the "
+                f"the training loss is {whole.total.item()} at step {self.global_step}: lower the "
                 f"learning rate or lengthen the warm-up; {self._write_batch(batch)} is the batch"
             )
-        self._log_terms("training", mean, len(batch.images))
+        self._log_terms("training", whole, len(batch.images))
         return terms.total
 
     def validation_step(self, batch: Batch, batch_index: int) -> dict[str, Tensor]:
@@ -108,3 +107,10 @@ class ShaftModule(LightningModule):
         values = {f"{phase}/{name}": value.float() for name, value in terms._asdict().items()}
         values[f"{phase}/loss"] = values.pop(f"{phase}/total")
         self.log_dict(values, batch_size=batch_size, sync_dist=phase == "validation")
+
+
+def terms_of_all_ranks(terms: LossTerms) -> LossTerms:
+    """The loss of a batch from those of the ranks that share it: means, and the sum of matches."""
+    total = LossTerms(*ranks.total(torch.stack(terms)))
+    mean = LossTerms(*(value / ranks.count() for value in total))
+    return mean._replace(matched=total.matched)
