@@ -66,9 +66,10 @@ class LastCheckpoint(Checkpoint):
 def _step_is_over(trainer: Trainer) -> bool:
     """Whether a step neither validates nor logs after `on_train_batch_end`: Lightning would leave
     out both in a training that goes on from there."""
-    step = trainer.global_step
-    validates = trainer.should_stop or step % trainer.val_check_batch == 0
-    return not validates and step % trainer.log_every_n_steps != 0
+    step, validate_every = trainer.global_step, trainer.val_check_batch
+    assert validate_every is not None  # it is known when training has begun
+    log_every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]
+    return not trainer.should_stop and step % validate_every != 0 and step % log_every != 0
 
 
 def _random_states() -> dict[str, Tensor]:

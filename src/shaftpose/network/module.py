@@ -100,7 +100,7 @@ class ShaftModule(LightningModule):
         path = Path(self.trainer.default_root_dir) / name
         tensors = {"images": batch.images, **batch.targets._asdict()}
         arrays: dict[str, np.ndarray] = {key: t.cpu().numpy() for key, t in tensors.items()}
-        np.savez(path, **arrays)  # type: ignore[arg-type]
+        np.savez(path, **arrays)
         return path
 
     def _log_terms(self, phase: str, terms: LossTerms, batch_size: int) -> None:
