@@ -1,6 +1,7 @@
 """Stage `train`: one variant, from lists of images to a checkpoint and learning curves."""
 
 import logging
+import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lightning import Callback, Trainer, seed_everything
+from lightning import Callback, LightningModule, Trainer, seed_everything
 from lightning.pytorch.callbacks import EMAWeightAveraging, LearningRateMonitor, TQDMProgressBar
 from lightning.pytorch.loggers import MLFlowLogger
 from networks import build_network, identity, variant
@@ -92,7 +93,7 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path,
         logger.info("going on at step %d with %s", resumed_step(last, module.identity), last)
     try:
         trainer.fit(module, data, ckpt_path=last if last.is_file() else None, weights_only=True)
-    except SystemExit as stop:  # Lightning's answer to Ctrl-C and to the signal to terminate
+    except SystemExit as stop:  # Lightning's answer to Ctrl-C
         raise KeyboardInterrupt from stop
     trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
 
@@ -177,6 +178,7 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
         LearningRateMonitor("step"),
         ValidationMetrics(),
         LastCheckpoint(folder / LAST_CHECKPOINT, settings.checkpoint_minutes, curves),
+        EndAtOnce(),
     ]
     if settings.ema_decay is not None:
         callbacks.append(EMAWeightAveraging(decay=settings.ema_decay))
@@ -194,6 +196,18 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
         enable_model_summary=False,
         use_distributed_sampler=False,  # `TrainingData` shares the batches out
     )
+
+
+class EndAtOnce(Callback):
+    """Makes the signal to terminate end a training as Ctrl-C does; it goes on from its checkpoint.
+
+    Lightning would finish the step first. In a distributed training it would never get there: its
+    handler broadcasts to ranks that await other messages.
+    """
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Replace Lightning's handler, which it removes itself in the end."""
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def logged_parameters(config: Config) -> dict[str, Any]:

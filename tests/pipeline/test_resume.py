@@ -3,6 +3,7 @@
 import csv
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -163,6 +164,23 @@ def test_averaged_and_clipped_weights_are_kept_too(
     with pytest.raises(Killed):
         Training(tmp_path, (SELDOM, *OPTIONS), (STEP, 4))
     assert_same(Training(tmp_path, (SELDOM, *OPTIONS)), undisturbed["options"])
+
+
+def test_a_request_to_terminate_is_obeyed_at_once(
+    inside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    handler = signal.getsignal(signal.SIGTERM)
+
+    def terminate(watched: Watched, what: str, trainer: Trainer) -> None:
+        if what == STEP:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(Watched, "die_if_due", terminate)
+    with pytest.raises(KeyboardInterrupt):
+        Training(tmp_path, (ALWAYS,))
+    assert not (tmp_path / "last.ckpt").exists()
+    assert not (tmp_path / "model.ckpt").exists()
+    assert signal.getsignal(signal.SIGTERM) == handler
 
 
 def start_stage(project: Path, *overrides: str) -> subprocess.Popen[str]:
