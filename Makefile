@@ -77,5 +77,5 @@ architecture: $(READY)  ## draw the picture and write the tables of docs/archite
 	python tools/architecture_tables.py
 	python tools/architecture_diagram.py
 
-clean:  ## remove data/scratch, from which interrupted renders continue
+clean:  ## remove data/scratch, from which interrupted renders and trainings continue
 	rm -rf data/scratch

@@ -1,25 +1,28 @@
 """Stage `train`: one variant, from lists of images to a checkpoint and learning curves."""
 
-import csv
 import logging
-import tempfile
-import uuid
+import signal
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
-from lightning import Trainer, seed_everything
-from lightning.pytorch.callbacks import LearningRateMonitor, TQDMProgressBar
-from lightning.pytorch.loggers import CSVLogger
+from lightning import Callback, LightningModule, Trainer, seed_everything
+from lightning.pytorch.callbacks import EMAWeightAveraging, LearningRateMonitor, TQDMProgressBar
+from lightning.pytorch.loggers import MLFlowLogger
 from networks import build_network, identity, variant
 from results import write_json
 from settings import size
 from stage import Config, stage
+from unfinished import LAST_CHECKPOINT, kept, scratch_folder
 from validation import ValidationMetrics
 
 from shaftpose import tracking
 from shaftpose.config import Augmentation, LossSettings, Size, TrainingSettings, Variant, parse
 from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import (
     RealImages,
@@ -29,6 +32,9 @@ from shaftpose.dataset.training_data import (
     Transform,
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.network.checkpoint import resumed_step
+from shaftpose.network.curves import Curves
+from shaftpose.network.last_checkpoint import LastCheckpoint
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
 from shaftpose.shards import ShardedDataset
@@ -37,52 +43,82 @@ logger = logging.getLogger(__name__)
 
 # Lightning's remarks on hardware and its own products; progress and errors still show.
 logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+# It cannot know that `TrainingData` begins at the trainer's step.
+warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended before the epoch")
 
 
 @stage
 def main(config: Config) -> None:
-    """Write `model.ckpt`, `curves.csv` and `training.json` to `out`."""
+    """Write `model.ckpt`, `curves.csv` and `training.json` to `out`.
+
+    A training that was interrupted goes on where it was. In a distributed training all processes
+    run this, and the first one keeps the records.
+    """
     chosen, sizes, out = variant(config), size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
-    module, data = build_module(config, sizes), training_data(config, chosen, sizes)
-    training_id = uuid.uuid4().hex
-    tracking.connect(**config["tracking"])
-    logger.info("training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size)
-    with (
-        tracking.training_run(
-            training_id,
-            name=chosen.name,
-            parameters=logged_parameters(config),
-            dataset=tracking.dataset_identity(Path("dvc.lock")),
-            sweep_folder=out.parent,
-        ) as mlflow_logger,
-        tempfile.TemporaryDirectory() as logs,
-    ):
-        curves = CSVLogger(logs, name="", version="")
-        trainer = build_trainer(config, sizes, [curves, mlflow_logger])
-        trainer.fit(module, data)
-        curves.save()
-        write_curves(Path(logs) / "metrics.csv", out / "curves.csv")
-    trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
-    facts = {
-        "training_id": training_id,
-        "training_images": len(read_keys(Path("data/split"), "train")),
-        "steps": trainer.global_step,
-        "batch_size": sizes.batch_size,
-        "width": sizes.width,
-        "seed": config["seed"],
-        "parameters": sum(weight.numel() for weight in module.network.parameters()),
-    }
-    write_json(out / "training.json", facts)
+    folder = scratch_folder(config, with_real=chosen.real_share > 0)
+    curves, skipped = Curves(), SkippedImages(folder / "skipped_images.txt")
+    trainer = build_trainer(config, sizes, folder, curves)
+    module, data = build_module(config, sizes), training_data(config, chosen, sizes, skipped)
+    if not trainer.is_global_zero:
+        fit(trainer, module, data, folder, out)
+        return
+    with kept(folder) as training_id:
+        logger.info(
+            "training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size
+        )
+        with tracked(config, chosen, training_id, out) as mlflow_logger:
+            trainer.loggers = [curves, mlflow_logger]
+            fit(trainer, module, data, folder, out)
+        curves.write(out / "curves.csv")
+        facts = {
+            "training_id": training_id,
+            "training_images": len(read_keys(Path("data/split"), "train")),
+            "skipped_images": len(skipped.complaints()),
+            "steps": trainer.global_step,
+            "batch_size": sizes.batch_size,
+            "width": sizes.width,
+            "seed": config["seed"],
+            "parameters": sum(weight.numel() for weight in module.network.parameters()),
+        }
+        write_json(out / "training.json", facts)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path, out: Path) -> None:
+    """Train, from the last checkpoint in `folder` on if there is one; write `model.ckpt`."""
+    last = folder / LAST_CHECKPOINT
+    if last.is_file():
+        logger.info("going on at step %d with %s", resumed_step(last, module.identity), last)
+    try:
+        trainer.fit(module, data, ckpt_path=last if last.is_file() else None, weights_only=True)
+    except SystemExit as stop:  # Lightning's answer to Ctrl-C
+        raise KeyboardInterrupt from stop
+    trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
+
+
+@contextmanager
+def tracked(config: Config, chosen: Variant, training_id: str, out: Path) -> Iterator[MLFlowLogger]:
+    """The training's MLflow run."""
+    tracking.connect(**config["tracking"])
+    with tracking.training_run(
+        training_id,
+        name=chosen.name,
+        parameters=logged_parameters(config),
+        dataset=tracking.dataset_identity(Path("dvc.lock")),
+        sweep_folder=out.parent,
+    ) as mlflow_logger:
+        yield mlflow_logger
 
 
 def build_module(config: Config, sizes: Size) -> ShaftModule:
     """The network with its loss and optimiser."""
-    loss = parse(LossSettings, config["loss"], "params.yaml: loss")
+    loss, network = parse(LossSettings, config["loss"], "params.yaml: loss"), build_network(config)
+    if training_settings(config).compile:
+        network.compile()  # in place: the names of its weights stay as they are
     return ShaftModule(
-        network=build_network(config),
+        network=network,
         loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
         identity=identity(config),
         learning_rate=sizes.learning_rate,
@@ -91,9 +127,16 @@ def build_module(config: Config, sizes: Size) -> ShaftModule:
     )
 
 
-def training_data(config: Config, chosen: Variant, sizes: Size) -> TrainingData:
+def training_settings(config: Config) -> TrainingSettings:
+    """How the network is trained."""
+    return parse(TrainingSettings, config["training"], "params.yaml: training")
+
+
+def training_data(
+    config: Config, chosen: Variant, sizes: Size, skipped: SkippedImages
+) -> TrainingData:
     """The images of the run, augmented, with real ones mixed in if the variant asks for them."""
-    settings = parse(TrainingSettings, config["training"], "params.yaml: training")
+    settings = training_settings(config)
     shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
     stream = TrainingStream(
         rendered=RenderedImages(shards, read_keys(lists, "train")),
@@ -102,6 +145,7 @@ def training_data(config: Config, chosen: Variant, sizes: Size) -> TrainingData:
         transforms=transforms(settings.augmentation, chosen.noise),
         length=sizes.steps * sizes.batch_size,
         seed=config["seed"],
+        skipped=skipped if settings.on_damaged == "skip" else None,
     )
     validation = RenderedImages(shards, read_keys(lists, "validation"))
     return TrainingData(stream, validation, sizes.batch_size, settings.loader_workers)
@@ -123,8 +167,21 @@ def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
     return [jitter, UniformNoise(noise)] if noise else [jitter]
 
 
-def build_trainer(config: Config, sizes: Size, loggers: list[Any]) -> Trainer:
-    """One pass over the stream, validated every so many steps and after the last."""
+def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> Trainer:
+    """One pass over the stream, validated every so many steps and after the last.
+
+    folder: for checkpoints to go on from.
+    """
+    settings = training_settings(config)
+    callbacks: list[Callback] = [
+        TQDMProgressBar(refresh_rate=20),
+        LearningRateMonitor("step"),
+        ValidationMetrics(),
+        LastCheckpoint(folder / LAST_CHECKPOINT, settings.checkpoint_minutes, curves),
+        EndAtOnce(),
+    ]
+    if settings.ema_decay is not None:
+        callbacks.append(EMAWeightAveraging(decay=settings.ema_decay))
     return Trainer(
         **config["trainer"],
         precision=sizes.precision,
@@ -132,25 +189,25 @@ def build_trainer(config: Config, sizes: Size, loggers: list[Any]) -> Trainer:
         max_steps=sizes.steps,
         val_check_interval=min(sizes.validate_every, sizes.steps),
         log_every_n_steps=min(25, sizes.steps),
-        logger=loggers,
-        callbacks=[
-            TQDMProgressBar(refresh_rate=20),
-            LearningRateMonitor("step"),
-            ValidationMetrics(),
-        ],
-        enable_checkpointing=False,
+        gradient_clip_val=settings.gradient_clip,
+        logger=[curves],
+        callbacks=callbacks,
+        default_root_dir=folder,
         enable_model_summary=False,
+        use_distributed_sampler=False,  # `TrainingData` shares the batches out
     )
 
 
-def write_curves(logged: Path, out: Path) -> None:
-    """Lightning's wide table, most cells of which are empty, as rows of step, name, value."""
-    with logged.open(newline="") as source, out.open("w", newline="") as target:
-        rows = csv.writer(target, lineterminator="\n")
-        rows.writerow(["step", "name", "value"])
-        for row in csv.DictReader(source):
-            names = [name for name in row if row[name] and name not in ("step", "epoch")]
-            rows.writerows([row["step"], name, row[name]] for name in names)
+class EndAtOnce(Callback):
+    """Makes the signal to terminate end a training as Ctrl-C does; it goes on from its checkpoint.
+
+    Lightning would finish the step first. In a distributed training it would never get there: its
+    handler broadcasts to ranks that await other messages.
+    """
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Replace Lightning's handler, which it removes itself in the end."""
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def logged_parameters(config: Config) -> dict[str, Any]:

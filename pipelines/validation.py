@@ -55,7 +55,12 @@ class ValidationMetrics(Callback):
         confidence = best_confidence(precision_recall(self._found, self._known))
         metrics = evaluate(self._found, self._known, confidence).as_dict()
         known = {name: value for name in LOGGED if (value := metrics[name]) is not None}
-        pl_module.log_dict({f"validation/{name}": value for name, value in known.items()})
+        # Each rank of a distributed training validates on all images: there is nothing to gather.
+        pl_module.log_dict(
+            {f"validation/{name}": value for name, value in known.items()},
+            sync_dist=True,
+            rank_zero_only=True,
+        )
 
 
 def detections(boxes: Tensor, scores: Tensor, poses: Tensor) -> list[Detections]:

@@ -82,7 +82,18 @@ def test_a_wrong_value_deep_inside_is_named(values: dict[str, Any], named: str) 
     assert f"part.{named}" in complaint(RenderSettings, {**render_values(), "poses": poses})
 
 
-@pytest.mark.parametrize(("key", "value"), [("loader_workers", -1), ("loader_workers", 1.5)])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("loader_workers", -1),
+        ("loader_workers", 1.5),
+        ("checkpoint_minutes", -1),
+        ("on_damaged", "maybe"),
+        ("gradient_clip", 0),
+        ("ema_decay", 1.0),
+        ("compile", "later"),
+    ],
+)
 def test_a_wrong_count_is_named(key: str, value: float) -> None:
     message = complaint(TrainingSettings, {**PARAMS["training"], key: value})
     assert message.startswith(f"params.yaml: part.{key} = {value!r}: ")

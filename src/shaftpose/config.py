@@ -212,9 +212,14 @@ class Augmentation:
 
 @dataclass(frozen=True, config=_STRICT)
 class TrainingSettings:
-    """How images are fed to a training and altered."""
+    """How a network is trained: params.yaml explains the keys."""
 
     loader_workers: Count
+    checkpoint_minutes: Annotated[float, Field(ge=0)]
+    on_damaged: Literal["stop", "skip"]
+    gradient_clip: Positive | None
+    ema_decay: Annotated[float, Field(gt=0, lt=1)] | None
+    compile: bool
     augmentation: Augmentation
 
 

@@ -222,16 +222,20 @@ class ShardedDataset:
 
     def rgb(self, key: str) -> NDArray[np.uint8]:
         """The image (H, W, 3) uint8. Raises InputError naming shard and key if it is damaged."""
-        location = self._location(key, "rgb.jpg")
-        image = decode_rgb(location.read())
+        path, data = self._read(key, "rgb.jpg")
+        image = decode_rgb(data)
         if image is None:
-            raise InputError(f"{location.path}: image {key} is damaged; {_RENDER_ALL}")
+            raise InputError(f"{path}: image {key} is damaged; {_RENDER_ALL}")
         return image
 
     def annotations(self, key: str) -> Annotations:
         """Visible boxes and poses of one image, without decoding image or masks."""
-        poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
-        boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
+        try:
+            poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
+            boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
+        except (KeyError, TypeError) as error:
+            message = f"{self.folder}: the annotations of {key} are damaged; {_RENDER_ALL}"
+            raise InputError(message) from error
         return Annotations(
             np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
         )
@@ -247,11 +251,19 @@ class ShardedDataset:
         return facts
 
     def _json(self, key: str, suffix: str) -> Any:
+        path, data = self._read(key, suffix)
+        try:
+            return json.loads(data)
+        except ValueError as error:
+            raise InputError(f"{path}: {key}.{suffix} is damaged; {_RENDER_ALL}") from error
+
+    def _read(self, key: str, suffix: str) -> tuple[Path, bytes]:
+        """The shard and the bytes of a member; the shard may have gone since it was indexed."""
         location = self._location(key, suffix)
         try:
-            return json.loads(location.read())
-        except ValueError as error:
-            message = f"{location.path}: {key}.{suffix} is damaged; {_RENDER_ALL}"
+            return location.path, location.read()
+        except OSError as error:
+            message = f"{location.path}: cannot be read ({error.strerror}); {_RENDER_ALL}"
             raise InputError(message) from error
 
     def _location(self, key: str, suffix: str) -> Location:

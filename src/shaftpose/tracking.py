@@ -75,26 +75,36 @@ def training_run(
 ) -> "Iterator[MLFlowLogger]":
     """The MLflow run of one training, with system metrics; yields Lightning's logger for it.
 
+    A training that was interrupted goes on in the run that it has.
     parameters: nested, logged flat; dataset: path -> DVC hash of what is trained on;
     sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's.
     """
     from lightning.pytorch.loggers import MLFlowLogger  # seconds, which only trainings wait
 
-    parent = _read_parent(sweep_folder)
+    parent, known = _read_parent(sweep_folder), _find_run(training_id)
     with mlflow.start_run(
-        run_name=name, parent_run_id=parent, nested=parent is not None, log_system_metrics=True
+        run_id=known,
+        run_name=name,
+        parent_run_id=parent,
+        nested=parent is not None,
+        tags={TRAINING_TAG: training_id},
+        log_system_metrics=True,
     ) as run:
-        mlflow.set_tag(TRAINING_TAG, training_id)
-        mlflow.log_params(flatten(parameters))
-        mlflow.set_tags({f"dataset.{path}": digest for path, digest in dataset.items()})
-        digest = dataset.get("data/render", "unknown")[:36]
-        source = CodeDatasetSource(tags={"stage": "render"})
-        mlflow.log_input(MetaDataset(source, name="data/render", digest=digest), context="training")
+        if known is None:
+            _log_origin(parameters, dataset)
         yield MLFlowLogger(
             experiment_name=mlflow.get_experiment(run.info.experiment_id).name,
             tracking_uri=mlflow.get_tracking_uri(),
             run_id=run.info.run_id,
         )
+
+
+def _log_origin(parameters: Mapping[str, Any], dataset: Mapping[str, str]) -> None:
+    mlflow.log_params(flatten(parameters))
+    mlflow.set_tags({f"dataset.{path}": digest for path, digest in dataset.items()})
+    digest = dataset.get("data/render", "unknown")[:36]
+    source = CodeDatasetSource(tags={"stage": "render"})
+    mlflow.log_input(MetaDataset(source, name="data/render", digest=digest), context="training")
 
 
 def start_sweep(folder: Path, name: str) -> None:
@@ -168,15 +178,19 @@ def _champion_run(client: mlflow.MlflowClient) -> str | None:
 
 def _run_of(training_id: str, name: str) -> str:
     """The run of a training; a new one if this database does not hold it."""
-    found = mlflow.search_runs(
-        filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'", output_format="list"
-    )
-    if found:
-        first: Run = found[0]
-        return str(first.info.run_id)
+    known = _find_run(training_id)
+    if known is not None:
+        return known
     with mlflow.start_run(run_name=name) as run:
         mlflow.set_tag(TRAINING_TAG, training_id)
     return str(run.info.run_id)
+
+
+def _find_run(training_id: str) -> str | None:
+    found: list[Run] = mlflow.search_runs(
+        filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'", output_format="list"
+    )
+    return str(found[0].info.run_id) if found else None
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -1,8 +1,10 @@
 """The stream of training images and its batches."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import yaml
 
 from shaftpose.batches import Batch
 from shaftpose.dataset.coco import RealImage, RealInstrument
+from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import (
     Images,
     LabelledImage,
@@ -21,6 +24,7 @@ from shaftpose.dataset.training_data import (
     pad_batch,
 )
 from shaftpose.dataset.transforms import UniformNoise
+from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose, mask_box
 from shaftpose.images import write_jpeg
 from shaftpose.instruments import Annotations
@@ -233,3 +237,121 @@ def test_validation_batches_are_the_images_in_order(data: TrainingData) -> None:
     assert batch.targets.poses[:, 0, 0].tolist() == [4, 5]
     assert batch.targets.has_pose.all()
     assert batch.targets.boxes[0, 0].tolist() == [0.125, 0.25, 0.5, 0.75]
+
+
+def first_numbers(data: TrainingData, trainer: Any) -> list[list[int]]:
+    """The numbers of the items that a rank's training would read, batch by batch."""
+    data.trainer = trainer
+    batches = data.train_dataloader().batch_sampler
+    assert len(batches) == 2  # all steps, wherever it begins
+    return [list(numbers) for numbers in batches]
+
+
+def trainer_at(step: int = 0, rank: int = 0, ranks: int = 1) -> Any:
+    return SimpleNamespace(global_step=step, global_rank=rank, world_size=ranks)
+
+
+def test_training_begins_at_the_trainers_step(data: TrainingData) -> None:
+    assert first_numbers(data, trainer_at()) == [[0, 1, 2, 3], [4, 5, 6, 7]]
+    assert first_numbers(data, trainer_at(step=1)) == [[4, 5, 6, 7]]
+
+
+def test_what_was_trained_on_before_is_not_read_again(data: TrainingData, tmp_path: Path) -> None:
+    _, expected = data.train_dataloader()
+    read: list[int] = []
+
+    class Recorded(TrainingStream):
+        def __getitem__(self, n: int) -> LabelledImage:
+            read.append(n)
+            return super().__getitem__(n)
+
+    items = data._stream
+    data._stream = Recorded(**{field.name: getattr(items, field.name) for field in fields(items)})
+    data.trainer = trainer_at(step=1)
+    (batch,) = data.train_dataloader()
+    assert read == [4, 5, 6, 7]
+    assert torch.equal(batch.images, expected.images)
+
+
+def test_ranks_share_every_batch(data: TrainingData) -> None:
+    assert first_numbers(data, trainer_at(rank=0, ranks=2)) == [[0, 1], [4, 5]]
+    assert first_numbers(data, trainer_at(rank=1, ranks=2)) == [[2, 3], [6, 7]]
+
+
+def test_a_batch_that_cannot_be_shared_is_refused(data: TrainingData) -> None:
+    data.trainer = trainer_at(ranks=3)
+    with pytest.raises(InputError, match="batch_size = 4 .* among 3 processes"):
+        data.train_dataloader()
+
+
+def test_a_batch_larger_than_the_training_set_is_refused() -> None:
+    items = replace(stream(), real=None, real_share=0.0)
+    validation = RenderedImages(None, [])  # type: ignore[arg-type]
+    TrainingData(items, validation, batch_size=30, loader_workers=0)
+    with pytest.raises(InputError, match="batch_size = 31 exceeds the 30 training images"):
+        TrainingData(items, validation, batch_size=31, loader_workers=0)
+    TrainingData(stream(), validation, batch_size=37, loader_workers=0)  # 7 real ones
+
+
+def damage(folder: Path, key: str) -> Path:
+    """Overwrite an image in its shard, as a failing disk does: headers stay sound."""
+    location = ShardedDataset(folder)._members[key]["rgb.jpg"]
+    with location.path.open("r+b") as file:
+        file.seek(location.offset)
+        file.write(bytes(location.size))
+    return location.path
+
+
+def rendered_stream(folder: Path, skipped: SkippedImages | None = None) -> TrainingStream:
+    """Two rounds of the images 0 to 3 of a shard in `folder`."""
+    images = RenderedImages(ShardedDataset(folder), [sample_key(n) for n in range(4)])
+    return TrainingStream(images, None, 0.0, (), length=8, seed=1, skipped=skipped)
+
+
+def numbers(items: TrainingStream) -> list[int]:
+    return [(int(items[n][0][0, 0, 0]) + 5) // 10 for n in range(len(items))]
+
+
+def test_a_damaged_image_stops_the_training_and_is_named(tmp_path: Path) -> None:
+    write_shard(tmp_path, 4)
+    items, path = rendered_stream(tmp_path), damage(tmp_path, sample_key(2))
+    with pytest.raises(InputError, match=f"{path}: image {sample_key(2)} is damaged"):
+        numbers(items)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_damaged_image_can_be_passed_over(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, workers: int
+) -> None:
+    write_shard(tmp_path, 4)
+    skipped = SkippedImages(tmp_path / "skipped.txt")
+    items = rendered_stream(tmp_path, skipped)
+    order = numbers(replace(items, length=12))
+    damage(tmp_path, sample_key(2))
+    expected = [next(n for n in order[place:] if n != 2) for place in range(8)]
+    data = TrainingData(items, items.rendered, batch_size=4, loader_workers=workers)  # type: ignore[arg-type]
+    batches = list(data.train_dataloader())
+    levels = torch.cat([batch.images[:, 0, 0, 0] for batch in batches])
+    assert ((levels + 5) // 10).tolist() == expected
+    (complaint,) = skipped.complaints()
+    assert sample_key(2) in complaint
+    if workers == 0:  # otherwise other processes say it
+        assert caplog.text.count(sample_key(2)) == 1
+
+
+def test_a_shard_that_goes_away_is_named(tmp_path: Path) -> None:
+    write_shard(tmp_path, 4)
+    items = rendered_stream(tmp_path)
+    (tmp_path / "shard-000000.tar").unlink()
+    with pytest.raises(InputError, match="shard-000000.tar: cannot be read"):
+        items[0]
+
+
+def test_images_that_are_all_damaged_end_even_a_patient_training(tmp_path: Path) -> None:
+    write_shard(tmp_path, 4)
+    items = rendered_stream(tmp_path, SkippedImages(tmp_path / "skipped.txt"))
+    for n in range(4):
+        damage(tmp_path, sample_key(n))
+    with pytest.raises(InputError, match="is damaged"):
+        items[0]
+    assert len(SkippedImages(tmp_path / "skipped.txt").complaints()) == 4

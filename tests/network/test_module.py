@@ -1,14 +1,17 @@
 import math
+import os
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
-from lightning import Trainer
+from lightning import Callback, Trainer
 from torch.utils.data import DataLoader, Dataset
 
 from shaftpose.batches import Batch, Targets
 from shaftpose.errors import InputError
-from shaftpose.network.checkpoint import load_network_weights
+from shaftpose.network.checkpoint import load_network_weights, resumed_step
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
@@ -105,10 +108,105 @@ def test_validation_returns_what_the_exported_detector_finds(module: ShaftModule
         assert torch.equal(found[name], values), name
 
 
-def test_loss_that_is_no_number_stops_the_training(module: ShaftModule, trainer: Trainer) -> None:
+def test_loss_that_is_no_number_stops_the_training_and_shows_its_batch(
+    module: ShaftModule, trainer: Trainer, tmp_path: Path
+) -> None:
     next(module.network.parameters()).data.fill_(math.nan)
-    with pytest.raises(InputError, match="nan at step 0"):
+    path = tmp_path / "batch-of-step-0-rank-0.npz"
+    with pytest.raises(InputError, match=f"nan at step 0.*{path}"):
         trainer.fit(module, loader(1), loader(1))
+    batch = random_batch(seed=0)
+    with np.load(path, allow_pickle=False) as kept:
+        assert kept.files == ["images", *Targets._fields]
+        np.testing.assert_array_equal(kept["images"], batch.images)
+        for name, values in batch.targets._asdict().items():
+            np.testing.assert_array_equal(kept[name], values)
+
+
+@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+def test_gradients_are_clipped_by_their_norm(
+    module: ShaftModule, tmp_path: Path, precision: str
+) -> None:
+    norms: list[float] = []
+
+    class Norms(Callback):
+        def on_before_optimizer_step(self, *args: object) -> None:
+            gradients = [p.grad for p in module.parameters() if p.grad is not None]
+            norms.append(float(torch.nn.utils.get_total_norm(gradients)))
+
+        def on_train_batch_end(self, *args: object) -> None:
+            self.on_before_optimizer_step()
+
+    Trainer(
+        accelerator="cpu", max_steps=1, precision=precision, gradient_clip_val=0.5,
+        default_root_dir=tmp_path, logger=False, callbacks=[Norms()], enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False,
+    ).fit(module, loader(1))  # fmt: skip
+    before, after = norms
+    assert before > 1
+    assert after == pytest.approx(0.5, rel=1e-3)
+
+
+def one_loss(module: ShaftModule, targets: Targets) -> float:
+    """The loss of a batch with these targets; its gradients must be finite, too."""
+    loss = module.training_step(Batch(random_batch(seed=0).images, targets), 0)
+    loss.backward()
+    gradients = [weight.grad for weight in module.network.parameters()]
+    assert all(g is None or bool(torch.isfinite(g).all()) for g in gradients)
+    return loss.item()
+
+
+def test_a_batch_without_any_match_costs_nothing(module: ShaftModule) -> None:
+    known = random_batch(seed=0).targets
+    assert one_loss(module, known._replace(valid=torch.zeros(2, 1, dtype=torch.bool))) == 0.0
+
+
+def test_a_batch_of_real_images_has_a_loss_without_poses(module: ShaftModule) -> None:
+    known = random_batch(seed=0).targets
+    real = known._replace(has_pose=torch.tensor([False, False]), poses=known.poses * math.nan)
+    loss = one_loss(module, real)
+    assert math.isfinite(loss)
+    assert loss > 0
+
+
+def unfinished(path: Path, module: ShaftModule, trainer: Trainer) -> Path:
+    """The checkpoint of a training that has not ended."""
+    trainer.fit(module, loader(2), loader(1))
+    trainer.save_checkpoint(path)
+    return path
+
+
+def test_an_unfinished_training_tells_where_it_goes_on(
+    module: ShaftModule, trainer: Trainer, tmp_path: Path
+) -> None:
+    path = unfinished(tmp_path / "last.ckpt", module, trainer)
+    assert resumed_step(path, IDENTITY) == 2
+    with pytest.raises(InputError, match=r"last.ckpt.*'D', 'width': 0.04.*'D', 'width': 1.0"):
+        resumed_step(path, {"variant": "D", "width": 1.0})
+
+
+def test_weights_alone_are_no_unfinished_training(
+    tiny_network: ShaftNetwork, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="d.ckpt: not a checkpoint"):
+        resumed_step(saved(tmp_path / "d.ckpt", tiny_network), IDENTITY)
+
+
+class Malicious:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
+        return os.mkdir, (str(self.path),)
+
+
+def test_code_in_a_checkpoint_is_not_run(tiny_network: ShaftNetwork, tmp_path: Path) -> None:
+    path = tmp_path / "evil.ckpt"
+    torch.save({"identity": IDENTITY, "state_dict": Malicious(tmp_path / "made")}, path)
+    for read in (resumed_step, lambda *args: load_network_weights(path, tiny_network, IDENTITY)):
+        with pytest.raises(InputError, match="evil.ckpt: not a readable checkpoint"):
+            read(path, IDENTITY)
+    assert not (tmp_path / "made").exists()
 
 
 def saved(path: Path, network: ShaftNetwork) -> Path:

@@ -1,5 +1,6 @@
 """Every combination of configuration files composes and builds what it names."""
 
+import inspect
 import sys
 from pathlib import Path
 
@@ -73,10 +74,22 @@ def test_a_variant_without_a_part_is_named(part: str) -> None:
         networks.variant(config)
 
 
-@pytest.mark.parametrize("trainer", ["auto", "cpu"])
-def test_trainers_compose(trainer: str) -> None:
-    settings = composed(f"trainer={trainer}")["trainer"]
-    assert Trainer(**settings, logger=False, enable_checkpointing=False).num_devices >= 1
+@pytest.mark.parametrize(
+    ("trainer", "accelerator", "devices"),
+    [("auto", "auto", 1), ("cpu", "cpu", 1), ("gpu", "gpu", 1), ("ddp", "gpu", "auto")],
+)
+def test_trainers_compose(trainer: str, accelerator: str, devices: int | str) -> None:
+    chosen = composed(f"trainer={trainer}")["trainer"]
+    assert (chosen["accelerator"], chosen["devices"]) == (accelerator, devices)
+    assert chosen.keys() <= inspect.signature(Trainer).parameters.keys()
+
+
+def test_the_slurm_trainer_takes_its_size_from_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SLURM_NNODES", "3")
+    monkeypatch.setenv("SLURM_NTASKS_PER_NODE", "4")
+    chosen = composed("trainer=slurm")["trainer"]
+    assert (chosen["num_nodes"], chosen["devices"], chosen["strategy"]) == (3, 4, "ddp")
+    assert chosen.keys() <= inspect.signature(Trainer).parameters.keys()
 
 
 @pytest.mark.parametrize("launcher", ["workstation", "slurm"])

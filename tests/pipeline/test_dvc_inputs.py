@@ -32,16 +32,18 @@ READ_IN_PART: dict[str, type] = {
 # Where a stage reads and writes, which its command and its lists say, and how fast it runs.
 NOT_LISTED = frozenset(
     {"out", "results", "model_folder", "variant_file", "profile", "tracking"}
-    | {"render.workers", "training.loader_workers"}
+    | {"render.workers", "training.loader_workers", "training.checkpoint_minutes"}
 )
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log
     # The camera and the shaft make a silhouette; the rest of the render settings is checked.
     "evaluate_real": {"poses", "scene", "lens", "render.jpeg_quality", "size.samples"},
 }
-# Not read for results: MLflow shows most of the configuration of a training.
-TRACKED = {"logged_parameters"}
-SCRATCH = "data/scratch"  # what an interrupted render left; named after all that determines it
+# Not read for results: MLflow shows most of the configuration of a training, and the name of its
+# scratch folder depends on it.
+TRACKED = {"logged_parameters", "fingerprint"}
+# What an interrupted render or training left, named after all that determines it.
+SCRATCH = "data/scratch"
 
 Definition = tuple[str, ast.stmt]
 

@@ -1,6 +1,5 @@
 """What a training logs when it validates, and when it does: made-up detections, no network."""
 
-import csv
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +11,6 @@ import pytest
 import torch
 import yaml
 from lightning import LightningModule
-from lightning.pytorch.loggers import CSVLogger
 from torch import Tensor
 from torch.utils.data import DataLoader
 
@@ -28,8 +26,13 @@ sys.path.insert(0, str(ROOT / "pipelines"))
 import train  # noqa: E402
 import validation  # noqa: E402
 
+from shaftpose.network.curves import Curves  # noqa: E402
+
 SMOKE = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())["smoke"]
-CPU: dict[str, Any] = {"trainer": {"accelerator": "cpu", "devices": 1}}
+CPU: dict[str, Any] = {
+    "trainer": {"accelerator": "cpu", "devices": 1},
+    "training": yaml.safe_load((ROOT / "params.yaml").read_text())["training"],
+}
 SIDE = 299
 BOX, OTHER_BOX = [20.0, 30.0, 120.0, 200.0], [150.0, 10.0, 290.0, 90.0]
 POSE, OTHER_POSE = [1.0, -2.0, 20.0, 70.0, 123.0], [-8.0, 5.0, 31.0, 55.0, 350.0]
@@ -105,23 +108,20 @@ def loader(images: Sequence[Annotations]) -> DataLoader[Any]:
 def curves(
     folder: Path, detections: Sequence[Detections], steps: int, validate_every: int
 ) -> dict[int, dict[str, float]]:
-    """Step -> what its validation wrote to `curves.csv`, in a training of `steps`."""
+    """Step -> what its validation logged, in a training of `steps`."""
     sizes = replace(parse(Size, SMOKE, "smoke"), steps=steps, validate_every=validate_every)
     answers = [padded(detections[n : n + BATCH]) for n in range(0, len(KNOWN), BATCH)]
-    logger = CSVLogger(str(folder), name="", version="")
-    trainer = train.build_trainer(CPU, sizes, [logger])
+    rows = Curves()
+    trainer = train.build_trainer(CPU, sizes, folder, rows)
     trainer.fit(Oracle(answers), loader(KNOWN[:1] * BATCH * steps), loader(KNOWN))
-    logger.save()
     assert trainer.global_step == steps
-    train.write_curves(folder / "metrics.csv", folder / "curves.csv")
     logged: dict[int, dict[str, float]] = {}
-    with (folder / "curves.csv").open(newline="") as stream:
-        for row in csv.DictReader(stream):
-            if row["name"].startswith("validation/"):
-                name = row["name"].removeprefix("validation/")
-                values = logged.setdefault(int(row["step"]), {})
-                assert name not in values, "validated twice"
-                values[name] = float(row["value"])
+    for step, name, value in rows.rows:
+        phase, _, metric = name.partition("/")
+        if phase == "validation":
+            values = logged.setdefault(step, {})
+            assert metric not in values, "validated twice"
+            values[metric] = value
     return logged
 
 

@@ -1,18 +1,21 @@
 """What a network is trained on: rendered and real images as one stream, and its batches."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
 from lightning import LightningDataModule
 from numpy.typing import NDArray
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, Sampler
 
 from shaftpose.batches import Batch, Targets
 from shaftpose.dataset.coco import RealImage, load_square
+from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.errors import InputError
 from shaftpose.instruments import Annotations
 from shaftpose.shards import ShardedDataset
 
@@ -68,6 +71,8 @@ class TrainingStream(Images):
 
     Rendered images come in a new random order each time round; a share `real_share` of the items,
     evenly spread, are real images. A run that stops at item n can go on from there.
+    A damaged image stops the training, unless `skipped` is there to note it: then the next image in
+    the order takes its place. Raises InputError naming the damaged image, or the last if all are.
     """
 
     rendered: Images
@@ -76,6 +81,12 @@ class TrainingStream(Images):
     transforms: Sequence[Transform]
     length: int
     seed: int
+    skipped: SkippedImages | None = None
+
+    @property
+    def different_images(self) -> int:
+        """The number of images that there are, repetitions not counted."""
+        return len(self.rendered) + (len(self.real) if self.real is not None else 0)
 
     def __len__(self) -> int:
         """The number of images that the run sees, repetitions counted."""
@@ -85,14 +96,25 @@ class TrainingStream(Images):
         """Item n, changed by the transforms."""
         real_before = int(n * self.real_share)
         if self.real is not None and int((n + 1) * self.real_share) > real_before:
-            rgb, annotations = self.real[_shuffled(self.seed, real_before, len(self.real))]
+            rgb, annotations = self._draw(self.real, real_before)
         else:
-            number = n - real_before
-            rgb, annotations = self.rendered[_shuffled(self.seed, number, len(self.rendered))]
+            rgb, annotations = self._draw(self.rendered, n - real_before)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
         for transform in self.transforms:
             rgb = transform(rgb, rng)
         return rgb, annotations
+
+    def _draw(self, images: Images, number: int) -> LabelledImage:
+        """Draw `number` from shuffled images, or the first draw after it that is not damaged."""
+        for draw in range(number, number + len(images)):
+            try:
+                return images[_shuffled(self.seed, draw, len(images))]
+            except InputError as error:
+                if self.skipped is None:
+                    raise
+                self.skipped.add(str(error))
+                last = error
+        raise last
 
 
 def _shuffled(seed: int, number: int, count: int) -> int:
@@ -124,8 +146,39 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
     return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
 
 
+@dataclass(frozen=True)
+class StepBatches(Sampler[range]):
+    """The items of the stream in the batch of each step, or in a rank's share of it.
+
+    Iteration begins with step `first`, reading nothing of what is before. The length counts all
+    steps: Lightning adds those that a resumed training has behind it.
+    """
+
+    steps: int
+    batch_size: int
+    first: int = 0
+    rank: int = 0
+    ranks: int = 1
+
+    def __len__(self) -> int:
+        """The number of steps."""
+        return self.steps
+
+    def __iter__(self) -> Iterator[range]:
+        """The numbers of the items, step by step."""
+        share = self.batch_size // self.ranks
+        for step in range(self.first, self.steps):
+            start = step * self.batch_size + self.rank * share
+            yield range(start, start + share)
+
+
 class TrainingData(LightningDataModule):
-    """Feeds a training run: its stream in order, and the validation images."""
+    """Feeds a training run: its stream in order, and the validation images.
+
+    The trainer says where in the stream to begin and which rank this is: each rank gets its part of
+    every batch, and all validation images. Raises InputError if a batch is larger than the training
+    set or cannot be shared out.
+    """
 
     def __init__(
         self,
@@ -135,21 +188,39 @@ class TrainingData(LightningDataModule):
         loader_workers: int,
     ) -> None:
         super().__init__()
+        if batch_size > stream.different_images:
+            raise InputError(
+                f"batch_size = {batch_size} exceeds the {stream.different_images} training images; "
+                "lower it in conf/profiles.yaml or render more images"
+            )
         self._stream, self._validation = stream, validation
         self._batch_size, self._workers = batch_size, loader_workers
 
     def train_dataloader(self) -> DataLoader[LabelledImage]:
-        """Batches of the stream; the stream shuffles by itself."""
-        return self._loader(self._stream)
+        """Batches of the stream from the trainer's step on; the stream shuffles by itself."""
+        return self._loader(self._stream, batch_sampler=self._batches())
+
+    def _batches(self) -> StepBatches:
+        steps, trainer = len(self._stream) // self._batch_size, self.trainer
+        if trainer is None:
+            return StepBatches(steps, self._batch_size)
+        if self._batch_size % trainer.world_size:
+            raise InputError(
+                f"batch_size = {self._batch_size} cannot be shared out among "
+                f"{trainer.world_size} processes; make it a multiple in conf/profiles.yaml"
+            )
+        return StepBatches(
+            steps, self._batch_size, trainer.global_step, trainer.global_rank, trainer.world_size
+        )
 
     def val_dataloader(self) -> DataLoader[LabelledImage]:
         """Batches of the validation images, unaltered."""
-        return self._loader(self._validation)
+        return self._loader(self._validation, batch_size=self._batch_size)
 
-    def _loader(self, images: Images) -> DataLoader[LabelledImage]:
+    def _loader(self, images: Images, **batches: Any) -> DataLoader[LabelledImage]:
         return DataLoader(
             images,
-            batch_size=self._batch_size,
+            **batches,
             collate_fn=pad_batch,
             num_workers=self._workers,
             persistent_workers=self._workers > 0,

@@ -1,6 +1,7 @@
-"""Loading trained weights into the network they belong to."""
+"""Reading checkpoints: of a finished training its weights, of an unfinished one all of it."""
 
 import pickle
+from collections.abc import Set
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,14 @@ from shaftpose.network.shaft_network import ShaftNetwork
 
 WEIGHT_PREFIX = "network."  # the network's name in `ShaftModule`
 
+_AGAIN = "delete it and train the network again"
+
 
 def load_network_weights(
     path: Path, network: ShaftNetwork, identity: dict[str, str | float]
 ) -> None:
     """Fill `network` with the weights of a training checkpoint written with this `identity`."""
-    checkpoint = _read_checkpoint(path)
-    found = checkpoint["identity"]
-    if found != identity:
-        raise InputError(
-            f"{path}: holds the weights of {found}, not of {identity}; "
-            "train this network, or choose the checkpoint's variant and width"
-        )
+    checkpoint = _read_checkpoint(path, identity, {"state_dict"})
     weights = {
         name.removeprefix(WEIGHT_PREFIX): value
         for name, value in checkpoint["state_dict"].items()
@@ -32,17 +29,34 @@ def load_network_weights(
         network.load_state_dict(weights)
     except RuntimeError as error:
         raise InputError(
-            f"{path}: its weights do not fit this version of {identity}; train it again"
+            f"{path}: its weights do not fit this version of {identity}; {_AGAIN}"
         ) from error
 
 
-def _read_checkpoint(path: Path) -> dict[str, Any]:
+def resumed_step(path: Path, identity: dict[str, str | float]) -> int:
+    """The step at which the training in a checkpoint goes on.
+
+    Raises InputError if the file holds no unfinished training of the network of this `identity`.
+    """
+    parts = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "global_step"}
+    return int(_read_checkpoint(path, identity, parts)["global_step"])
+
+
+def _read_checkpoint(
+    path: Path, identity: dict[str, str | float], parts: Set[str]
+) -> dict[str, Any]:
+    """A checkpoint, read without running code from it, that has these parts."""
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint; train the network first")
     try:
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
     except (OSError, EOFError, RuntimeError, pickle.UnpicklingError) as error:
-        raise InputError(f"{path}: not a readable checkpoint; train the network again") from error
-    if not isinstance(checkpoint, dict) or not {"identity", "state_dict"} <= checkpoint.keys():
-        raise InputError(f"{path}: not a checkpoint of this project; train the network again")
+        raise InputError(f"{path}: not a readable checkpoint; {_AGAIN}") from error
+    if not isinstance(checkpoint, dict) or not {"identity"} | parts <= checkpoint.keys():
+        raise InputError(f"{path}: not a checkpoint of this project; {_AGAIN}")
+    if checkpoint["identity"] != identity:
+        raise InputError(
+            f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "
+            f"{_AGAIN}, or choose the checkpoint's variant and width"
+        )
     return checkpoint

@@ -3,6 +3,11 @@
 n is the number of matched default boxes in the batch, 1 if there is none. Which boxes those are is
 `matching`'s business, which background boxes count is `mining`'s, and how boxes and poses stand in
 the outputs that of `box_coding` and of the network's `PoseCoder`.
+
+
+A distributed training shares a batch out among R ranks and follows the mean of their gradients.
+Each therefore divides by n / R, where n is that of the whole batch: the mean of the ranks' losses,
+(1 / R) sum_r L_r / (n / R) = sum_r L_r / n, is the loss of one process that has the whole batch.
 """
 
 from collections.abc import Sequence
@@ -13,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from shaftpose.batches import Targets
+from shaftpose.network import ranks
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.matching import match_boxes
@@ -69,8 +75,8 @@ class ShaftLoss(nn.Module):
         """
         outputs = HeadOutputs(*(output.float() for output in outputs))
         assignment = self.assign(outputs, targets, defaults)
-        matched = assignment.positive.sum()
-        n = matched.clamp(min=1)
+        matched = assignment.positive.sum().float()
+        n = ranks.total(matched).clamp(min=1) / ranks.count()
         confidence = self.confidence_loss(outputs, assignment) / n
         box = self.box_loss(outputs, targets, assignment, defaults) / n
         pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n

@@ -1,5 +1,8 @@
 """Training: one step, its learning rate, and what is logged."""
 
+from pathlib import Path
+
+import numpy as np
 import torch
 from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
@@ -7,6 +10,7 @@ from torch import Tensor
 
 from shaftpose.batches import Batch
 from shaftpose.errors import InputError
+from shaftpose.network import ranks
 from shaftpose.network.decoding import decode
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.loss import LossTerms, ShaftLoss
@@ -40,14 +44,16 @@ class ShaftModule(LightningModule):
         self.decay_power = decay_power
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The scalar loss of a batch; it stops the training if it is no longer a number."""
+        """The scalar loss of a batch. If it is no longer a number, the batch is written to the
+        trainer's folder and the training stops."""
         terms = self._loss_terms(self._outputs(batch), batch)
-        if not torch.isfinite(terms.total):
+        whole = terms_of_all_ranks(terms)
+        if not torch.isfinite(whole.total):  # for all ranks or none: they stop together
             raise InputError(
-                f"the training loss is {terms.total.item()} at step {self.global_step}: "
-                "lower the learning rate or lengthen the warm-up"
+                f"the training loss is {whole.total.item()} at step {self.global_step}: lower the "
+                f"learning rate or lengthen the warm-up; {self._write_batch(batch)} is the batch"
             )
-        self._log_terms("training", terms, len(batch.images))
+        self._log_terms("training", whole, len(batch.images))
         return terms.total
 
     def validation_step(self, batch: Batch, batch_index: int) -> dict[str, Tensor]:
@@ -62,7 +68,10 @@ class ShaftModule(LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         """Adam, its learning rate multiplied by `learning_rate_factor` at every step."""
-        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate, fused=True)
+        # A fused optimiser undoes the scaling of half precision's gradients by itself, after they
+        # would be clipped: Lightning refuses the two together.
+        fused = not self.trainer.gradient_clip_val
+        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate, fused=fused)
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, self.learning_rate_factor)
         return {
             "optimizer": optimizer,
@@ -86,7 +95,22 @@ class ShaftModule(LightningModule):
     def _loss_terms(self, outputs: HeadOutputs, batch: Batch) -> LossTerms:
         return self.loss(outputs, batch.targets, self.network.defaults, self.network.pose_coder)
 
+    def _write_batch(self, batch: Batch) -> Path:
+        name = f"batch-of-step-{self.global_step}-rank-{self.global_rank}.npz"
+        path = Path(self.trainer.default_root_dir) / name
+        tensors = {"images": batch.images, **batch.targets._asdict()}
+        arrays: dict[str, np.ndarray] = {key: t.cpu().numpy() for key, t in tensors.items()}
+        np.savez(path, **arrays)
+        return path
+
     def _log_terms(self, phase: str, terms: LossTerms, batch_size: int) -> None:
         values = {f"{phase}/{name}": value.float() for name, value in terms._asdict().items()}
         values[f"{phase}/loss"] = values.pop(f"{phase}/total")
         self.log_dict(values, batch_size=batch_size, sync_dist=phase == "validation")
+
+
+def terms_of_all_ranks(terms: LossTerms) -> LossTerms:
+    """The loss of a batch from those of the ranks that share it: means, and the sum of matches."""
+    total = LossTerms(*ranks.total(torch.stack(terms)))
+    mean = LossTerms(*(value / ranks.count() for value in total))
+    return mean._replace(matched=total.matched)

@@ -1,0 +1,108 @@
+"""An unfinished training: where its state is kept, and what it is recognised by."""
+
+import hashlib
+import json
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from filelock import AcquireReturnProxy, FileLock, Timeout
+from stage import Config
+
+import shaftpose
+from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.split import read_keys
+from shaftpose.errors import InputError
+from shaftpose.shards import shard_paths
+
+SCRATCH = Path("data/scratch")
+LAST_CHECKPOINT = "last.ckpt"
+
+# What determines a training: parts of the configuration but for what may change in between, the
+# code, relative to these folders, and packages. The data come to it.
+_PARTS = ("seed", "camera", "poses", "loss", "size", "backbone", "trainer", "variant", "training")
+_FREE = {"loader_workers", "checkpoint_minutes"}  # of `training`
+_SOURCES = {
+    Path(shaftpose.__file__).parent: (
+        "dataset/*.py", "evaluation/*.py", "network/*.py", "batches.py", "geometry.py", "images.py",
+        "instruments.py", "shards.py",
+    ),
+    Path(__file__).parent: ("networks.py", "train.py", "unfinished.py", "validation.py"),
+}  # fmt: skip
+_PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
+
+# The data loaders of a training that was killed hold its lock until they notice, within seconds.
+_PATIENCE_S = 30.0
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[str]:
+    """Keep a training in `folder` until it is finished: then the folder is removed.
+
+    Yields the training's id, which stays the same when it is interrupted and goes on. Raises
+    InputError if another process has the same training.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with _held(folder.with_suffix(".lock")):
+        folder.mkdir(exist_ok=True)
+        yield _training_id(folder / "training_id")
+        shutil.rmtree(folder)
+
+
+def _held(path: Path) -> AcquireReturnProxy:
+    try:
+        return FileLock(path).acquire(timeout=_PATIENCE_S)
+    except Timeout as error:
+        raise InputError(
+            f"{path}: another process trains with these settings; wait for it or stop it"
+        ) from error
+
+
+def _training_id(note: Path) -> str:
+    if not note.is_file():
+        part = note.with_suffix(".part")
+        part.write_text(uuid.uuid4().hex)
+        part.replace(note)
+    return note.read_text()
+
+
+def scratch_folder(config: Config, with_real: bool) -> Path:
+    """The folder of the training that the configuration describes, on the data that are there."""
+    return SCRATCH / "training" / fingerprint(config, with_real)
+
+
+def fingerprint(config: Config, with_real: bool) -> str:
+    """Hexadecimal digest of all that determines a training: settings, code, packages and the bytes
+    of the data, those of the real images if they are trained on."""
+    parts = {part: config[part] for part in _PARTS}
+    parts["training"] = {k: v for k, v in config["training"].items() if k not in _FREE}
+    digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode())
+    for package in _PACKAGES:
+        digest.update(f"{package} {version(package)}".encode())
+    for part in ("train", "validation"):
+        digest.update(json.dumps(read_keys(Path("data/split"), part)).encode())
+    for path in [*code_files(), *_data_files(with_real)]:
+        with path.open("rb") as file:
+            digest.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()[:16]
+
+
+def code_files() -> list[Path]:
+    """The code that determines a training."""
+    return [
+        path
+        for folder, patterns in _SOURCES.items()
+        for pattern in patterns
+        for path in sorted(folder.glob(pattern))
+    ]
+
+
+def _data_files(with_real: bool) -> list[Path]:
+    rendered = shard_paths(Path("data/render/images"))
+    if not with_real:
+        return rendered
+    annotations = Path("data/real/train.json")
+    return [*rendered, annotations, *(image.path for image in read_coco(annotations))]

@@ -1,0 +1,86 @@
+"""A short training, shared out among processes: `rank_process.py RANKS FOLDER`.
+
+Lightning starts this script once more for each further rank. The first one writes what it saw.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from lightning import Callback, Trainer
+from torch import nn
+
+from shaftpose.dataset.training_data import Images, LabelledImage, TrainingData, TrainingStream
+from shaftpose.instruments import Annotations
+from shaftpose.network.curves import Curves
+from shaftpose.network.heads import ArchitectureD
+from shaftpose.network.inception_v4 import InceptionV4Features
+from shaftpose.network.loss import ShaftLoss
+from shaftpose.network.module import ShaftModule
+from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.shaft_network import ShaftNetwork
+
+SIDE, BATCH, STEPS = 299, 4, 3
+LOW, HIGH = np.array([-20.0, -20, 10, 50, 0]), np.array([20.0, 20, 40, 90, 358])
+
+
+class Noise(Images):
+    """Image n is noise with n modulo 4 instruments: ranks have different numbers of matches."""
+
+    def __len__(self) -> int:
+        return 8
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        rng, count = np.random.default_rng(index), index % 4
+        corner = rng.uniform(0, 100, (count, 2))
+        boxes = np.hstack([corner, corner + rng.uniform(50, 190, (count, 2))])
+        annotations = Annotations(boxes, rng.uniform(LOW, HIGH, (count, 5)))
+        return rng.integers(0, 256, (SIDE, SIDE, 3), dtype=np.uint8), annotations
+
+
+class FirstGradient(Callback):
+    """The gradient that the first step follows."""
+
+    def __init__(self) -> None:
+        self.value = torch.zeros(0)
+
+    def on_before_optimizer_step(self, trainer: Trainer, module: Any, optimizer: Any) -> None:
+        if trainer.global_step == 0:
+            gradients = [weight.grad for weight in module.parameters() if weight.grad is not None]
+            self.value = torch.cat([gradient.flatten() for gradient in gradients])
+
+
+def build_module() -> ShaftModule:
+    """A tiny network. Its batch normalisation keeps to fixed statistics: those of a batch would
+    differ between ranks, and torch has none over all ranks on a CPU."""
+    torch.manual_seed(0)
+    coder = PoseCoder(tuple(LOW), tuple(HIGH))
+    network = ShaftNetwork(InceptionV4Features(0.04), ArchitectureD, coder)
+    for layer in network.modules():
+        if isinstance(layer, nn.BatchNorm2d):
+            layer.eval()
+    loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
+    return ShaftModule(network, loss, {}, learning_rate=1e-3, total_steps=STEPS, warmup_steps=0)
+
+
+def train(ranks: int, folder: Path) -> dict[str, Any]:
+    """The rows of the learning curves and the first gradient."""
+    curves, gradient = Curves(), FirstGradient()
+    stream = TrainingStream(Noise(), None, 0.0, (), length=STEPS * BATCH, seed=3)
+    trainer = Trainer(
+        accelerator="cpu", devices=ranks, strategy="ddp" if ranks > 1 else "auto",
+        max_steps=STEPS, val_check_interval=STEPS, log_every_n_steps=1, logger=[curves],
+        callbacks=[gradient], default_root_dir=folder, enable_checkpointing=False,
+        enable_progress_bar=False, enable_model_summary=False, use_distributed_sampler=False,
+    )  # fmt: skip
+    trainer.fit(build_module(), TrainingData(stream, Noise(), BATCH, 0))  # type: ignore[arg-type]
+    seen = {"rows": curves.rows, "gradient": gradient.value}
+    if trainer.is_global_zero:
+        torch.save(seen, folder / "seen.pt")
+    return seen
+
+
+if __name__ == "__main__":
+    train(int(sys.argv[1]), Path(sys.argv[2]))

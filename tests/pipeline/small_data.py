@@ -1,0 +1,59 @@
+"""Data of a training in miniature: what the stages before it leave, but quickly drawn."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from shaftpose.dataset.split import Split, write_split
+from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.images import write_jpeg
+from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+
+SIDE = 299
+PER_SHARD = 6
+
+
+def write_training_data(folder: Path) -> None:
+    """Two shards of six images, their split, and two real images."""
+    for number in range(2):
+        path = folder / "data/render/images" / shard_name(number)
+        with ShardWriter(path, 95) as writer:
+            for n in range(PER_SHARD):
+                writer.write(sample(number * PER_SHARD + n))
+    keys = [sample_key(n) for n in range(2 * PER_SHARD)]
+    split = Split(train=keys[:8], validation=keys[8:10], test=keys[10:])
+    write_split(split, folder / "data/split")
+    write_real(folder / "data/real")
+
+
+def sample(index: int) -> Sample:
+    """Noise with one or two bright bars, or none in every fifth image."""
+    rng = np.random.default_rng(index)
+    rgb = rng.integers(0, 120, (SIDE, SIDE, 3), dtype=np.uint8)
+    shafts = []
+    for _ in range(0 if index % 5 == 4 else 1 + index % 2):
+        left, top = rng.integers(0, 150, 2)
+        mask = np.zeros((SIDE, SIDE), dtype=bool)
+        mask[top : top + 120, left : left + 60] = True
+        rgb[mask] += 100
+        pose = ShaftPose(*rng.uniform([-20, -20, 10, 50, 0], [20, 20, 40, 90, 358]).tolist())
+        box = mask_box(mask)
+        shafts.append(Instrument(pose, mask, box, box, 1.0, int(mask.sum()), int(mask.sum())))
+    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+    return Sample(sample_key(index), rgb, tuple(shafts), camera, {"source": f"s{index}"})
+
+
+def write_real(folder: Path) -> None:
+    """Two real images with a box each, as the training part of the real data."""
+    for n in range(2):
+        rgb = np.random.default_rng(n).integers(0, 255, (SIDE, 400, 3), dtype=np.uint8)
+        write_jpeg(rgb, folder / f"images/{n}.jpg")
+    content = {
+        "images": [
+            {"id": n, "file_name": f"images/{n}.jpg", "width": 400, "height": SIDE}
+            for n in range(2)
+        ],
+        "annotations": [{"image_id": n, "bbox": [100, 50, 80, 200]} for n in range(2)],
+    }
+    (folder / "train.json").write_text(json.dumps(content))

@@ -1,0 +1,120 @@
+"""Where an unfinished training is kept, and what tells it from others."""
+
+import sys
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+
+from tests.pipeline.conftest import ROOT
+from tests.pipeline.small_data import write_training_data
+from tests.pipeline.test_configs import composed
+from tests.pipeline.test_dvc_code import PLUMBING, reached
+from tests.pipeline.test_dvc_inputs import parameters_listed
+
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+import unfinished  # noqa: E402
+from stage import Config  # noqa: E402
+
+from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.shards import shard_name  # noqa: E402
+
+# `defaults` chooses backbone and trainer, which are listed themselves.
+WATCHED = sorted(set(parameters_listed("train")) - {"defaults"})
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("project")
+    write_training_data(folder)
+    return folder
+
+
+@pytest.fixture
+def inside(data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(data)
+    return data
+
+
+@pytest.fixture(scope="module")
+def config() -> Config:
+    return composed("profile=smoke")
+
+
+def changed(config: Config, key: str) -> Config:
+    """The configuration with another value of a dotted key."""
+    changed = part = deepcopy(config)
+    *parents, last = key.split(".")
+    for parent in parents:
+        part = part[parent]
+    part[last] = "changed"
+    return changed
+
+
+def fingerprint(config: Config) -> str:
+    return unfinished.fingerprint(config, with_real=False)
+
+
+@pytest.mark.parametrize("key", WATCHED)
+def test_what_dvc_watches_makes_another_training(inside: Path, config: Config, key: str) -> None:
+    assert fingerprint(changed(config, key)) != fingerprint(config)
+
+
+@pytest.mark.parametrize(
+    "key", ["out", "training.loader_workers", "training.checkpoint_minutes", "tracking.uri"]
+)
+def test_what_changes_nothing_may_change_in_between(inside: Path, config: Config, key: str) -> None:
+    assert fingerprint(changed(config, key)) == fingerprint(config)
+
+
+def test_the_code_that_dvc_watches_is_hashed() -> None:
+    hashed = {path.relative_to(ROOT).as_posix() for path in unfinished.code_files()}
+    assert reached("pipelines/train.py") - PLUMBING <= hashed
+
+
+@pytest.mark.parametrize(
+    ("name", "with_real"),
+    [
+        (f"data/render/images/{shard_name(1)}", False),
+        ("data/split/train.csv", False),
+        ("data/split/validation.csv", False),
+        ("data/real/train.json", True),
+        ("data/real/images/1.jpg", True),
+    ],
+)
+def test_other_data_make_another_training(
+    inside: Path, config: Config, name: str, with_real: bool
+) -> None:
+    before = unfinished.fingerprint(config, with_real)
+    content = (inside / name).read_bytes()
+    (inside / name).write_bytes(content + b" ")
+    after = unfinished.fingerprint(config, with_real)
+    (inside / name).write_bytes(content)
+    assert after != before
+    assert unfinished.fingerprint(config, with_real) == before
+
+
+def test_an_interrupted_training_keeps_its_folder_and_its_id(tmp_path: Path) -> None:
+    folder = tmp_path / "training" / "abc"
+    with pytest.raises(KeyError), unfinished.kept(folder) as first:
+        raise KeyError
+    with unfinished.kept(folder) as second:
+        assert folder.is_dir()
+    assert first == second
+    assert not folder.exists()
+    with unfinished.kept(folder) as third:
+        pass
+    assert third != first
+
+
+def test_two_processes_do_not_share_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unfinished, "_PATIENCE_S", 0.0)
+    with (
+        unfinished.kept(tmp_path / "abc"),
+        pytest.raises(InputError, match="abc.lock: another process"),
+        unfinished.kept(tmp_path / "abc"),
+    ):
+        pass
