@@ -10,7 +10,7 @@ from stage import Config, stage
 
 from shaftpose.backgrounds.library import read_library
 from shaftpose.config import RenderSettings
-from shaftpose.dataset.data_card import LABELS, quantities, ranges, statistics, to_markdown
+from shaftpose.dataset.data_card import QUANTITIES, quantities, ranges, statistics, to_markdown
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.dataset.set_checks import ExpectedSet, check_sets
 from shaftpose.deployment.overlay import contact_sheet, draw_sample, spread
@@ -63,7 +63,11 @@ def draw(images: list[ImageFacts], settings: RenderSettings, out: Path) -> dict[
     """Histograms and a sheet of the training images: title -> file in `out`."""
     pictures = {"Distributions": "figures/distributions.png", "Images": "figures/images.jpg"}
     limits, values = ranges(settings), quantities(images)
-    panels = [Distribution(label, values[name], limits.get(name)) for name, label in LABELS.items()]
+    panels = [
+        Distribution(label, counted, values[name], limits.get(name))
+        for counted, labels in QUANTITIES.items()
+        for name, label in labels.items()
+    ]
     save_figure(distribution_figure(panels), out / pictures["Distributions"])
     size_px, view_deg = settings.camera.size_px, settings.camera.view_deg
     camera = Camera.from_field_of_view(size_px, size_px, view_deg)

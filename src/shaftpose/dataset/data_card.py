@@ -10,25 +10,29 @@ from shaftpose.config import Range, RenderSettings
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.geometry import Array
 
-PER_SHAFT = {
-    "x_mm": "x [mm]",
-    "y_mm": "y [mm]",
-    "z_mm": "z [mm]",
-    "pitch_deg": "pitch [deg]",
-    "yaw_deg": "yaw [deg]",
-    "visible_fraction": "visible fraction",
-    "box_width_px": "width of the box [px]",
-    "box_height_px": "height of the box [px]",
-    "lens_distance_mm": "distance from lens to axis [mm]",
-    "roughness": "roughness of the steel",
-    "silhouette_iou": "IoU of mask and silhouette",
+# Of what -> quantity -> label.
+QUANTITIES = {
+    "shafts": {
+        "x_mm": "x [mm]",
+        "y_mm": "y [mm]",
+        "z_mm": "z [mm]",
+        "pitch_deg": "pitch [deg]",
+        "yaw_deg": "yaw [deg]",
+        "visible_fraction": "visible fraction",
+        "box_width_px": "width of the box [px]",
+        "box_height_px": "height of the box [px]",
+        "lens_distance_mm": "distance from lens to axis [mm]",
+        "roughness": "roughness of the steel",
+        "silhouette_iou": "IoU of mask and silhouette",
+    },
+    "images": {
+        "light_strength": "power of the light [W]",
+        "light_kelvin": "colour temperature [K]",
+        "ambient": "ambient brightness",
+    },
+    "backgrounds": {"images_per_background": "images per background"},
 }
-PER_IMAGE = {
-    "light_strength": "power of the light [W]",
-    "light_kelvin": "colour temperature [K]",
-    "ambient": "ambient brightness",
-}
-LABELS = PER_SHAFT | PER_IMAGE | {"images_per_background": "images per background"}
+LABELS = {name: label for labels in QUANTITIES.values() for name, label in labels.items()}
 
 Statistics = dict[str, Any]
 
@@ -46,14 +50,14 @@ def ranges(settings: RenderSettings) -> dict[str, Range]:
 
 
 def quantities(images: Sequence[ImageFacts]) -> dict[str, Array]:
-    """All values (N,) of each quantity of LABELS; N are shafts, images or backgrounds in use.
+    """All values (N,) of each of QUANTITIES, of N shafts, images or backgrounds in use.
 
     Silhouettes are compared in images without occluders only.
     """
     shafts = [shaft for image in images for shaft in image.shafts]
     found: dict[str, list[Any]] = {
-        **{name: [getattr(shaft, name) for shaft in shafts] for name in PER_SHAFT},
-        **{name: [getattr(image, name) for image in images] for name in PER_IMAGE},
+        **{name: [getattr(shaft, name) for shaft in shafts] for name in QUANTITIES["shafts"]},
+        **{name: [getattr(image, name) for image in images] for name in QUANTITIES["images"]},
         "images_per_background": list(Counter(image.background for image in images).values()),
     }
     return {

@@ -70,7 +70,7 @@ def silhouette_ious(image: AnnotatedImage, settings: RenderSettings) -> list[flo
 
 
 def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    return float(np.sum(a & b) / max(np.sum(a | b), 1))
+    return int(np.sum(a & b)) / max(int(np.sum(a | b)), 1)
 
 
 def _problems(

@@ -15,9 +15,11 @@ COLUMNS, BINS = 5, 30
 
 @dataclass(frozen=True)
 class Distribution:
-    """One panel: the values (N,) of a quantity and the range that they were drawn from, if any."""
+    """One panel: the values (N,) of a quantity, of what they are, and the range that they were
+    drawn from, if any."""
 
     label: str
+    counted: str
     values: Array
     drawn_from: tuple[float, float] | None
 
@@ -29,7 +31,7 @@ def distribution_figure(panels: Sequence[Distribution]) -> Figure:
     cells = figure.subplots(rows, COLUMNS, squeeze=False)
     for axes, panel in zip(cells.flat, panels, strict=False):
         _draw(axes, panel)
-        finish(axes, panel.label, "")
+        finish(axes, panel.label, panel.counted)
     for unused in cells.flat[len(panels) :]:
         unused.remove()
     legend(figure, cells[0, 0])
@@ -37,13 +39,16 @@ def distribution_figure(panels: Sequence[Distribution]) -> Figure:
 
 
 def _draw(axes: Axes, panel: Distribution) -> None:
-    axes.hist(panel.values, bins=_bins(panel.values), color=COLOURS[0], alpha=0.85)
+    counts, _, _ = axes.hist(panel.values, bins=_bins(panel.values), color=COLOURS[0], alpha=0.85)
+    if np.max(counts) > len(panel.values) / 2:  # the others would not be seen beside this bin
+        axes.set_yscale("log")
+    axes.locator_params(axis="x", nbins=5, steps=[1, 2, 5, 10])
     for end, label in zip(panel.drawn_from or (), ("drawn from", None), strict=False):
         axes.axvline(end, color=COLOURS[1], linestyle="--", label=label)
 
 
-def _bins(values: Array) -> int | Array:
+def _bins(values: Array) -> int | list[float]:
     """Few whole numbers get a bin each: a grid between them would leave gaps."""
     if len(values) and np.ptp(values) < BINS and np.array_equal(values, np.rint(values)):
-        return np.arange(values.min(), values.max() + 2) - 0.5
+        return [float(edge) for edge in np.arange(values.min(), values.max() + 2) - 0.5]
     return BINS
