@@ -16,7 +16,8 @@ from shaftpose.dataset.split import read_keys
 from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
-from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure, save_figure
+from shaftpose.evaluation.figure_style import save_figure
+from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
 from shaftpose.geometry import Camera

@@ -20,11 +20,11 @@ from shaftpose.evaluation.ablation import (
     variant_title,
 )
 from shaftpose.evaluation.average_precision import PrecisionRecall
+from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import (
     ablation_figure,
     learning_curve_figure,
     precision_recall_figure,
-    save_figure,
 )
 from shaftpose.evaluation.metrics import constant_predictor
 from shaftpose.evaluation.report import to_html, to_json, to_markdown

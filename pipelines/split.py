@@ -3,13 +3,11 @@
 import logging
 from pathlib import Path
 
-from settings import size
+from results import read_json
 from stage import Config, stage
 
 from shaftpose.config import SplitSettings, parse
 from shaftpose.dataset.split import split_images, write_split
-from shaftpose.errors import InputError
-from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
 
@@ -17,12 +15,8 @@ logger = logging.getLogger(__name__)
 @stage
 def main(config: Config) -> None:
     """Write `train.csv`, `validation.csv` and `test.csv` to `out`."""
-    folder, expected = Path("data/render/images"), size(config).images
     settings = parse(SplitSettings, config["split"], "params.yaml: split")
-    shards = ShardedDataset(folder)
-    if len(shards) != expected:
-        raise InputError(f"{folder}: {len(shards)} images, not {expected}; run the render stage")
-    sources = {key: str(shards.facts(key)["source"]) for key in shards.keys}
+    sources = read_json(Path("data/validation/sources.json"), "validate")
     split = split_images(sources, settings, config["seed"])
     out = Path(config["out"])
     write_split(split, out)

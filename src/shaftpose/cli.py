@@ -5,26 +5,17 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from shaftpose.backgrounds.library import read_library
-from shaftpose.deployment.overlay import (
-    FOUND,
-    contact_sheet,
-    draw_annotations,
-    draw_detections,
-    draw_masks,
-)
+from shaftpose.deployment.overlay import contact_sheet, draw_detections, draw_sample, spread
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera
 from shaftpose.images import centre_square, read_rgb, write_jpeg
 from shaftpose.instruments import POSE_DIMENSIONS, Detections
 from shaftpose.shards import ShardedDataset
-
-T = TypeVar("T")
 
 INPUT_PX = 299
 
@@ -118,24 +109,13 @@ def show(options: argparse.Namespace) -> None:
     """Write a contact sheet of evenly spread images of a dataset or of backgrounds."""
     if options.what == "backgrounds":
         library = read_library(options.folder)
-        chosen = [read_rgb(background.path) for background in _spread(library, options.count)]
+        chosen = [read_rgb(background.path) for background in spread(library, options.count)]
     else:
         shards, camera = ShardedDataset(options.folder), _camera(options.view_deg)
-        chosen = [
-            draw_annotations(
-                draw_masks(shards.rgb(key), shards.masks(key), FOUND),
-                shards.annotations(key),
-                camera,
-            )
-            for key in _spread(shards.keys, options.count)
-        ]
+        keys = spread(shards.keys, options.count)
+        chosen = [draw_sample(shards, key, camera) for key in keys]
     write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
     print(f"{len(chosen)} images are drawn in {options.out}")
-
-
-def _spread(items: Sequence[T], count: int) -> list[T]:
-    count = min(count, len(items))
-    return [items[n * len(items) // count] for n in range(count)]
 
 
 def _camera(view_deg: float) -> Camera:

@@ -12,6 +12,7 @@ from shaftpose.deployment.overlay import (
     draw_poses,
     pose_text,
     prediction_sheet,
+    spread,
 )
 from shaftpose.geometry import Camera
 from shaftpose.instruments import Annotations, Detections
@@ -107,3 +108,8 @@ def test_a_sheet_is_filled_row_by_row() -> None:
 def test_pose_text() -> None:
     text = pose_text(np.array([1.04, -2.0, 30.06, 70.0, 358.0]))
     assert text == "x 1.0 y -2.0 z 30.1  p 70.0 w 358.0"
+
+
+def test_items_are_spread_evenly_and_not_repeated() -> None:
+    assert spread(range(10), 4) == [0, 2, 5, 7]
+    assert spread("ab", 4) == ["a", "b"]

@@ -6,12 +6,12 @@ import numpy as np
 
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.average_precision import PrecisionRecall
+from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import (
     ablation_figure,
     learning_curve_figure,
     pose_error_figure,
     precision_recall_figure,
-    save_figure,
 )
 from shaftpose.evaluation.pose_errors import errors_between
 

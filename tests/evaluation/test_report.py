@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from shaftpose.errors import InputError
 from shaftpose.evaluation import paper_tables
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow, variant_title
-from shaftpose.evaluation.figures import save_figure
+from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.report import to_html, to_json, to_markdown
 
 METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import torch
 
+from shaftpose.backgrounds.library import write_library
+from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose, mask_box
 from shaftpose.images import write_jpeg
@@ -121,12 +123,31 @@ def write_shard(folder: Path, images: int) -> Path:
     return path
 
 
+def write_backgrounds(folder: Path, count: int) -> None:
+    """A library of grey squares, each from a source of its own."""
+    unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
+    sources = ((f"s{n}", np.full((299, 299, 3), 10 * n, dtype=np.uint8)) for n in range(count))
+    write_library(sources, folder, 1, unaltered, 0, 299, count)
+
+
 def test_a_truncated_shard(stage: Run, folder: Path) -> None:
+    write_backgrounds(folder / "data/backgrounds", 4)
     path = write_shard(folder / "data/render/images", 4)
     path.write_bytes(path.read_bytes()[:-15_000])
-    line = last_line(stage("split.py"))
-    assert f"{path.relative_to(folder)}: the shard is truncated" in line
+    result = stage("validate.py")
+    line = last_line(result)
+    # Two shards more of the smoke profile's 60 images are missing, and two of each test set.
+    shard = path.relative_to(folder)
+    expected = f"error: {shard}: 000000000 to 000000019: truncated or damaged (problem 1 of 7)"
+    assert line.startswith(expected)
     assert "run `dvc repro -f render`" in line
+    assert "data/render/occluded/shard-000001.tar: 000000001 to 000000001: missing" in result.stdout
+    assert not (folder / "written").exists()
+
+
+def test_a_split_of_what_was_not_validated(stage: Run) -> None:
+    line = last_line(stage("split.py"))
+    assert line == "error: data/validation/sources.json: missing; run `dvc repro validate`"
 
 
 def test_a_checkpoint_of_another_variant(stage: Run, folder: Path) -> None:

@@ -46,6 +46,20 @@ def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
     assert not sources["train"] & sources["validation"]
 
 
+def test_the_data_card_describes_what_was_validated(finished: Path) -> None:
+    card = finished / "reports/data_card"
+    sets = json.loads((card / "metrics.json").read_text())
+    assert {name: found["images"] for name, found in sets.items()} == {
+        "images": 60, "clear": 2, "occluded": 2,
+    }  # fmt: skip
+    assert sets["images"]["quantities"]["silhouette_iou"]["min"] > 0.95
+    pictures = re.findall(r"\]\((.+)\)", (card / "data_card.md").read_text())
+    assert pictures
+    assert all((card / name).stat().st_size > 10_000 for name in pictures)
+    sources = json.loads((finished / "data/validation/sources.json").read_text())
+    assert len(sources) == 60
+
+
 def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None:
     mlflow.set_tracking_uri(f"sqlite:///{finished / 'mlflow.db'}")
     runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")

@@ -1,6 +1,7 @@
 """Pictures for people: images with boxes, axes, masks and pose text, and sheets of them."""
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -9,7 +10,9 @@ from numpy.typing import NDArray
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import Image
 from shaftpose.instruments import Annotations, Detections
+from shaftpose.shards import ShardedDataset
 
+T = TypeVar("T")
 Colour = tuple[int, int, int]
 
 # Okabe and Ito's palette, told apart by colour-blind readers too.
@@ -17,6 +20,12 @@ TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
 _TEXT_PX = 13
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
+
+
+def draw_sample(shards: ShardedDataset, key: str, camera: Camera) -> Image:
+    """A rendered image with its masks (yellow), boxes and poses (green)."""
+    outlined = draw_masks(shards.rgb(key), shards.masks(key), FOUND)
+    return draw_annotations(outlined, shards.annotations(key), camera)
 
 
 def draw_annotations(image: Image, known: Annotations, camera: Camera, text: bool = True) -> Image:
@@ -89,6 +98,12 @@ def pose_text(pose: NDArray[np.float64]) -> str:
     """A pose (5,) as a line of text: x, y, z in mm, pitch p and yaw w in deg."""
     x, y, z, pitch, yaw = (f"{value:.1f}" for value in pose)
     return f"x {x} y {y} z {z}  p {pitch} w {yaw}"
+
+
+def spread(items: Sequence[T], count: int) -> list[T]:
+    """At most `count` of the items, evenly spread over them."""
+    count = min(count, len(items))
+    return [items[n * len(items) // count] for n in range(count)]
 
 
 def contact_sheet(images: Sequence[Image], columns: int) -> Image:

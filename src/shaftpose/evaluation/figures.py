@@ -1,24 +1,26 @@
 """The report's figures: matplotlib `Figure` objects, without any global plotting state."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from shaftpose.evaluation import paper_tables
 from shaftpose.evaluation.ablation import MetricValues, VariantRow, variant_title
 from shaftpose.evaluation.average_precision import PrecisionRecall, average_precision
 from shaftpose.evaluation.boxes import Array
+from shaftpose.evaluation.figure_style import (
+    COLOURS,
+    INK,
+    LINE_STYLES,
+    SOFT,
+    finish,
+    legend,
+    new_figure,
+)
 from shaftpose.evaluation.pose_errors import PoseErrors
-
-# Okabe and Ito's colours stay apart under every common colour blindness; line styles help in grey.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-LINE_STYLES = ("-", "--", "-.", ":")
-INK, SOFT, GRID = "#1b2430", "#5c6877", "#e1e5ea"
 
 POSE_LABELS = ("x [mm]", "y [mm]", "z [mm]", "pitch [deg]", "yaw [deg]")
 BINS = 12
@@ -37,28 +39,28 @@ ABLATION_PANELS = {
 
 def precision_recall_figure(curves: Mapping[str, PrecisionRecall]) -> Figure:
     """Precision against recall, a line for each title."""
-    figure = _figure(11.0, 5.4)
+    figure = new_figure(11.0, 5.4)
     axes = figure.subplots()
     for index, (title, curve) in enumerate(curves.items()):
         label = f"{title} (AP {average_precision(curve):.3f})"
         axes.plot(curve.recall, curve.precision, label=label, **_line(index))
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02))
-    _finish(axes, "recall", "precision")
-    _legend(figure, axes)
+    finish(axes, "recall", "precision")
+    legend(figure, axes)
     return figure
 
 
 def pose_error_figure(errors: PoseErrors) -> Figure:
     """For each dimension of the pose, the absolute error by true value and its histogram."""
-    figure = _figure(15.0, 5.8)
+    figure = new_figure(15.0, 5.8)
     panels = figure.subplots(2, len(POSE_LABELS))
     for dimension, label in enumerate(POSE_LABELS):
         absolute, true = errors.absolute[:, dimension], errors.true_poses[:, dimension]
         _draw_quartiles(panels[0, dimension], true, absolute)
         _draw_histogram(panels[1, dimension], absolute)
-        _finish(panels[0, dimension], f"true {label}", f"error of {label}")
-        _finish(panels[1, dimension], f"error of {label}, lowest 99 %", "instruments")
-    _legend(figure, panels[0, 0])
+        finish(panels[0, dimension], f"true {label}", f"error of {label}")
+        finish(panels[1, dimension], f"error of {label}, lowest 99 %", "instruments")
+    legend(figure, panels[0, 0])
     return figure
 
 
@@ -67,14 +69,14 @@ def learning_curve_figure(curves: Mapping[str, Sequence[tuple[int, str, float]]]
     names = list(dict.fromkeys(name for rows in curves.values() for _, name, _ in rows))
     columns = min(3, max(1, len(names)))
     lines = -(-max(1, len(names)) // columns)
-    figure = _figure(5.0 * columns, 2.8 * lines + 0.5)
+    figure = new_figure(5.0 * columns, 2.8 * lines + 0.5)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, name in zip(panels, names, strict=False):
         _draw_learning(axes, name, curves)
-        _finish(axes, "step", name)
+        finish(axes, "step", name)
     for unused in panels[len(names) :]:
         unused.remove()
-    _legend(figure, panels[0])
+    legend(figure, panels[0])
     return figure
 
 
@@ -82,28 +84,17 @@ def ablation_figure(
     rows: Sequence[VariantRow], constant: MetricValues, domain_label: str
 ) -> Figure:
     """Bars of each variant's metrics, with the paper's values and the constant predictor's."""
-    figure = _figure(12.0, 2.2 + 1.05 * len(rows))
+    figure = new_figure(12.0, 2.2 + 1.05 * len(rows))
     panels = figure.subplots(3, 3, sharey=True).ravel()
     for axes, (name, label) in zip(panels, ABLATION_PANELS.items(), strict=True):
         _draw_ablation(axes, name, rows, constant)
-        _finish(axes, label, "")
+        finish(axes, label, "")
         axes.grid(visible=False, axis="y")
     titles = [variant_title(row.variant, domain_label, row.title) for row in rows]
     panels[0].set_yticks(range(len(rows)), titles)
     panels[0].set_ylim(len(rows) - 0.45, -0.55)  # the first variant on top
-    _legend(figure, panels[0])
+    legend(figure, panels[0])
     return figure
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a PNG whose bytes depend on the figure alone: no date, no software version."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png", dpi=150, facecolor="white", metadata={"Software": None})
-
-
-def _figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches whose panels keep their tick labels apart."""
-    return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06))
 
 
 def _draw_quartiles(axes: Axes, true: Array, absolute: Array) -> None:
@@ -190,29 +181,3 @@ def _line(index: int) -> dict[str, Any]:
 def _say_empty(axes: Axes) -> None:
     axes.text(0.5, 0.5, "no matched instrument", transform=axes.transAxes, color=SOFT, ha="center")
     axes.set(xticks=[], yticks=[])
-
-
-def _finish(axes: Axes, x_label: str, y_label: str) -> None:
-    """The common look: no box, a light grid behind the data, quiet labels."""
-    axes.set_xlabel(x_label, color=INK, fontsize=10)
-    axes.set_ylabel(y_label, color=INK, fontsize=10)
-    axes.tick_params(colors=SOFT, labelcolor=INK, labelsize=9, length=0)
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(GRID)
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    """One legend above all panels, in as many columns as the figure's width carries."""
-    columns = int(figure.get_figwidth() // 2.4)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        labels,
-        loc="outside upper center",
-        ncols=min(columns, max(1, len(labels))),
-        frameon=False,
-        fontsize=10,
-        labelcolor=INK,
-    )

@@ -4,7 +4,6 @@ n is the number of matched default boxes in the batch, 1 if there is none. Which
 `matching`'s business, which background boxes count is `mining`'s, and how boxes and poses stand in
 the outputs that of `box_coding` and of the network's `PoseCoder`.
 
-
 A distributed training shares a batch out among R ranks and follows the mean of their gradients.
 Each therefore divides by n / R, where n is that of the whole batch: the mean of the ranks' losses,
 (1 / R) sum_r L_r / (n / R) = sum_r L_r / n, is the loss of one process that has the whole batch.

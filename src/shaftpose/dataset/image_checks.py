@@ -1,0 +1,240 @@
+"""Checks of one rendered image against its annotations and the settings it was rendered with."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.config import PoseRanges, RenderSettings
+from shaftpose.dataset.image_facts import ImageFacts, ShaftFacts
+from shaftpose.dataset.rendered_image import (
+    AnnotatedImage,
+    Extent,
+    ModelPose,
+    SceneFacts,
+    read_image,
+)
+from shaftpose.errors import InputError
+from shaftpose.geometry import (
+    Array,
+    Camera,
+    ShaftPose,
+    cylinder_depth,
+    mask_box,
+    pose_from_rotation,
+    segment_distance,
+)
+from shaftpose.instruments import POSE_DIMENSIONS
+from shaftpose.shards import SHAFT_OBJECT_ID
+
+LEAST_IOU = 0.95  # of a mask and the silhouette that geometry alone predicts
+# Silhouettes are compared on every third pixel in each direction, which takes a ninth of the time.
+# The stride is odd, so that the centre of a block of pixels is the centre of its middle pixel.
+_STRIDE = 3
+_ROUNDING = 1e-6  # mm, or of unit vectors
+_LENS = np.zeros(3)
+
+
+def check_image(
+    key: str, members: Mapping[str, bytes], settings: RenderSettings, backgrounds: Mapping[str, str]
+) -> tuple[ImageFacts | None, list[str]]:
+    """The facts of an image, None if it cannot be read, and what is wrong with it, a line each.
+
+    members: suffix -> bytes; backgrounds: file name -> id of its source.
+    """
+    try:
+        image = read_image(members, settings.camera.size_px)
+    except InputError as error:
+        return None, [str(error)]
+    ious = silhouette_ious(image, settings)
+    found = [*_problems(image, settings, backgrounds), *_unlike_silhouettes(ious)]
+    return _facts(key, image, settings, ious), found
+
+
+def silhouette_ious(image: AnnotatedImage, settings: RenderSettings) -> list[float | None]:
+    """IoU of each visible mask with the silhouette of a cylinder at the annotated pose, less what
+    nearer shafts hide; None for all of an image with occluders.
+
+    Blender has no part in the silhouette: pose, camera and mask are checked against each other.
+    """
+    if image.facts.occluders or not image.masks:
+        return [None] * len(image.masks)
+    camera, size = _camera(settings), (settings.shaft.diameter_mm, settings.shaft.length_mm)
+    depths = np.stack([cylinder_depth(camera, p, *size, _STRIDE) for p in image.facts.shafts])
+    nearest = np.argmin(depths, axis=0)
+    silhouettes = [(nearest == n) & np.isfinite(depth) for n, depth in enumerate(depths)]
+    masks = [mask[_STRIDE // 2 :: _STRIDE, _STRIDE // 2 :: _STRIDE] for mask in image.masks]
+    return [_iou(mask, silhouette) for mask, silhouette in zip(masks, silhouettes, strict=True)]
+
+
+def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    return int(np.sum(a & b)) / max(int(np.sum(a | b)), 1)
+
+
+def _problems(
+    image: AnnotatedImage, settings: RenderSettings, backgrounds: Mapping[str, str]
+) -> Iterator[str]:
+    camera, facts = _camera(settings), image.facts
+    if not np.allclose(image.intrinsics, camera.matrix, rtol=0, atol=_ROUNDING):
+        yield f"cam_K = {image.intrinsics.ravel().tolist()}, not {camera.matrix.ravel().tolist()}"
+    yield from _background(facts, backgrounds)
+    fewest, most = settings.scene.instruments
+    if not fewest <= len(facts.shafts) <= most:
+        yield f"shafts = {len(facts.shafts)}: outside scene.instruments = [{fewest}, {most}]"
+    for n, pose in enumerate(facts.shafts):
+        least = settings.scene.min_visible_px
+        for problem in (
+            *_mask(image.masks[n], image.extents[n], least),
+            *_model_pose(image.model_poses[n], pose),
+            *_pose(pose, settings.poses, camera),
+        ):
+            yield f"shaft {n}: {problem}"
+    yield from _overlap(image.masks)
+    yield from _collisions(facts.shafts, settings)
+
+
+def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[str]:
+    if facts.background not in backgrounds:
+        yield f"background = {facts.background!r}: not among the backgrounds of this set"
+    elif facts.source != backgrounds[facts.background]:
+        yield (
+            f"source = {facts.source!r}: the library says {backgrounds[facts.background]!r} of "
+            f"{facts.background}"
+        )
+
+
+def _mask(mask: NDArray[np.bool_], extent: Extent, least_px: int) -> Iterator[str]:
+    """Boxes, counts and fraction against the visible mask (H, W)."""
+    visible, whole = int(mask.sum()), extent.px_count_all
+    if visible < least_px:
+        yield f"mask of {visible} px: fewer than scene.min_visible_px = {least_px}"
+    if extent.px_count_visib != visible:
+        yield f"px_count_visib = {extent.px_count_visib}: the mask has {visible} px"
+    if extent.px_count_valid != whole:
+        yield f"px_count_valid = {extent.px_count_valid}: px_count_all is {whole}"
+    if whole < max(visible, 1):
+        yield f"px_count_all = {whole}: the mask alone has {visible} px"
+    elif abs(extent.visib_fract - visible / whole) > _ROUNDING:
+        yield f"visib_fract = {extent.visib_fract}: {visible} of {whole} px are {visible / whole}"
+    if visible:
+        yield from _boxes(mask, extent)
+
+
+def _boxes(mask: NDArray[np.bool_], extent: Extent) -> Iterator[str]:
+    x0, y0, x1, y1 = mask_box(mask)
+    if extent.bbox_visib != (x0, y0, x1 - x0, y1 - y0):
+        found = (x0, y0, x1 - x0, y1 - y0)
+        yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {found}"
+    left, top, width, height = extent.bbox_obj
+    right, bottom = left + width, top + height
+    if left > x0 or top > y0 or right < x1 or bottom < y1:
+        yield f"bbox_obj = {extent.bbox_obj}: does not contain the mask"
+    if min(left, top) < 0 or right > mask.shape[1] or bottom > mask.shape[0]:
+        yield f"bbox_obj = {extent.bbox_obj}: leaves the image"
+
+
+def _model_pose(model: ModelPose, pose: ShaftPose) -> Iterator[str]:
+    """gt.json against the pose of shaft.json. Axes are compared, not angles: the yaw of an axis
+    may be written in more than one way."""
+    if model.obj_id != SHAFT_OBJECT_ID:
+        yield f"obj_id = {model.obj_id}, not {SHAFT_OBJECT_ID}"
+    rotation = model.rotation
+    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=_ROUNDING) or (
+        np.linalg.det(rotation) < 0
+    ):
+        yield f"cam_R_m2c = {model.cam_R_m2c}: no rotation"
+    found = pose_from_rotation(rotation, np.array(model.cam_t_m2c))
+    if not np.allclose(found.tip_mm, pose.tip_mm, rtol=0, atol=_ROUNDING):
+        yield f"cam_t_m2c = {model.cam_t_m2c}: shaft.json says {pose.tip_mm.tolist()}"
+    if not np.allclose(found.direction, pose.direction, rtol=0, atol=_ROUNDING):
+        yield (
+            f"cam_R_m2c has pitch {found.pitch_deg:.4f} and yaw {found.yaw_deg:.4f} deg: "
+            f"shaft.json says {pose.pitch_deg:.4f} and {pose.yaw_deg:.4f}"
+        )
+
+
+def _pose(pose: ShaftPose, ranges: PoseRanges, camera: Camera) -> Iterator[str]:
+    bounds = zip(POSE_DIMENSIONS, pose.as_array(), ranges.low, ranges.high, strict=True)
+    outside = [
+        f"{name} = {value:g}: outside poses.{name} = [{low:g}, {high:g}]"
+        for name, value, low, high in bounds
+        if not low <= value <= high
+    ]
+    yield from outside
+    if pose.z_mm > 0:
+        u, v = camera.project(pose.tip_mm)
+        if not (0 <= u < camera.width and 0 <= v < camera.height):
+            yield f"tip at {u:.1f}, {v:.1f} px: outside the image"
+
+
+def _overlap(masks: Sequence[NDArray[np.bool_]]) -> Iterator[str]:
+    for (a, first), (b, second) in combinations(enumerate(masks), 2):
+        shared = int(np.sum(first & second))
+        if shared:
+            yield f"shafts {a} and {b}: their visible masks share {shared} px"
+
+
+def _collisions(poses: Sequence[ShaftPose], settings: RenderSettings) -> Iterator[str]:
+    """Shafts that cut the sphere around the lens, or each other."""
+    shaft, lens_mm = settings.shaft, settings.scene.lens_radius_mm
+    axes = [_axis(pose, shaft.length_mm) for pose in poses]
+    for n, axis in enumerate(axes):
+        gap = segment_distance(_LENS, _LENS, *axis) - shaft.diameter_mm / 2
+        if not gap > lens_mm:
+            yield f"shaft {n}: {gap:.3f} mm from the camera: cuts scene.lens_radius_mm = {lens_mm}"
+    for (a, first), (b, second) in combinations(enumerate(axes), 2):
+        distance = segment_distance(*first, *second)
+        if not distance > shaft.diameter_mm:
+            yield (
+                f"shafts {a} and {b}: axes {distance:.3f} mm apart: they cut each other, "
+                f"shaft.diameter_mm = {shaft.diameter_mm}"
+            )
+
+
+def _unlike_silhouettes(ious: Sequence[float | None]) -> Iterator[str]:
+    for n, iou in enumerate(ious):
+        if iou is not None and not iou >= LEAST_IOU:
+            yield (
+                f"shaft {n}: IoU {iou:.3f} of its mask and the silhouette of its pose: below "
+                f"{LEAST_IOU}"
+            )
+
+
+def _facts(
+    key: str, image: AnnotatedImage, settings: RenderSettings, ious: Sequence[float | None]
+) -> ImageFacts:
+    facts, length_mm = image.facts, settings.shaft.length_mm
+    each = zip(facts.shafts, image.extents, facts.steels, ious, strict=True)
+    return ImageFacts(
+        key=key,
+        digest=hashlib.blake2b(image.jpeg, digest_size=16).digest(),
+        background=facts.background,
+        source=facts.source,
+        tries=facts.tries,
+        light_strength=facts.light.strength,
+        light_kelvin=facts.light.kelvin,
+        ambient=facts.light.ambient,
+        shafts=tuple(
+            ShaftFacts(
+                **vars(pose),
+                visible_fraction=extent.visib_fract,
+                box_width_px=extent.bbox_visib[2],
+                box_height_px=extent.bbox_visib[3],
+                lens_distance_mm=segment_distance(_LENS, _LENS, *_axis(pose, length_mm)),
+                roughness=steel.roughness,
+                silhouette_iou=iou,
+            )
+            for pose, extent, steel, iou in each
+        ),
+    )
+
+
+def _axis(pose: ShaftPose, length_mm: float) -> tuple[Array, Array]:
+    return pose.tip_mm, pose.tip_mm + length_mm * pose.direction
+
+
+def _camera(settings: RenderSettings) -> Camera:
+    size_px, view_deg = settings.camera.size_px, settings.camera.view_deg
+    return Camera.from_field_of_view(size_px, size_px, view_deg)

@@ -1,0 +1,194 @@
+"""One rendered image as it lies in a shard: its members read strictly, value by value.
+
+The members are read as BOP's tools read them, not by `ShardedDataset`: whatever looks for mistakes
+in a finished dataset should not share the reader that trainings use.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from shaftpose.config import Count
+from shaftpose.errors import InputError
+from shaftpose.geometry import Array, ShaftPose
+from shaftpose.images import Image, decode_rgb
+from shaftpose.shards import decode_mask
+
+_END_OF_JPEG = b"\xff\xd9"
+_FINITE = ConfigDict(allow_inf_nan=False)
+_Matrix = Annotated[list[float], Field(min_length=9, max_length=9)]  # (3, 3), row by row
+_Box = tuple[int, int, int, int]  # x, y, width, height
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class _Intrinsics:
+    """camera.json"""
+
+    cam_K: _Matrix
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class ModelPose:
+    """An entry of gt.json: the transformation from the shaft's to the camera's frame."""
+
+    cam_R_m2c: _Matrix
+    cam_t_m2c: tuple[float, float, float]
+    obj_id: int
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) from shaft to camera frame."""
+        return np.array(self.cam_R_m2c).reshape(3, 3)
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class Extent:
+    """An entry of gt_info.json: boxes as x, y, width, height px, and pixel counts."""
+
+    bbox_obj: _Box
+    bbox_visib: _Box
+    px_count_all: int
+    px_count_valid: int
+    px_count_visib: int
+    visib_fract: float
+
+
+@pydantic.dataclasses.dataclass(frozen=True)
+class _RunLengths:
+    """An entry of mask_visib.json."""
+
+    counts: list[Count]
+    size: tuple[int, int]
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class Light:
+    """The light of shaft.json."""
+
+    strength: float
+    kelvin: float
+    ambient: float
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class Steel:
+    """What is read of a steel of shaft.json."""
+
+    roughness: float
+
+
+@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
+class SceneFacts:
+    """What is read of shaft.json."""
+
+    shafts: list[ShaftPose]
+    steels: list[Steel]
+    light: Light
+    occluders: list[Any]
+    background: str
+    source: str
+    tries: Count
+
+
+# What each JSON member holds.
+_KINDS: dict[str, TypeAdapter[Any]] = {
+    "camera.json": TypeAdapter(_Intrinsics),
+    "gt.json": TypeAdapter(list[ModelPose]),
+    "gt_info.json": TypeAdapter(list[Extent]),
+    "mask_visib.json": TypeAdapter(dict[str, _RunLengths]),
+    "shaft.json": TypeAdapter(SceneFacts),
+}
+
+
+@dataclass(frozen=True)
+class AnnotatedImage:
+    """One image (H, W, 3) and all that its members say of it, shaft after shaft in each list.
+
+    intrinsics: (3, 3); masks: (H, W) each, the visible pixels.
+    """
+
+    jpeg: bytes
+    rgb: Image
+    intrinsics: Array
+    model_poses: list[ModelPose]
+    extents: list[Extent]
+    masks: list[NDArray[np.bool_]]
+    facts: SceneFacts
+
+
+def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
+    """The image whose members are given, suffix -> bytes; image and masks are square.
+
+    Raises InputError, which names the member and not the image, for what is missing, cannot be
+    decoded, is of the wrong type or size, or disagrees about the number of shafts.
+    """
+    jpeg = _member(members, "rgb.jpg")
+    rgb = _decode(jpeg, size_px)
+    parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
+    facts: SceneFacts = parts["shaft.json"]
+    for suffix in ("gt.json", "gt_info.json", "mask_visib.json"):
+        _agree(len(parts[suffix]), len(facts.shafts), suffix)
+    _agree(len(facts.steels), len(facts.shafts), "shaft.json: steels")
+    return AnnotatedImage(
+        jpeg=jpeg,
+        rgb=rgb,
+        intrinsics=np.array(parts["camera.json"].cam_K).reshape(3, 3),
+        model_poses=parts["gt.json"],
+        extents=parts["gt_info.json"],
+        masks=_masks(parts["mask_visib.json"], size_px),
+        facts=facts,
+    )
+
+
+def _member(members: Mapping[str, bytes], suffix: str) -> bytes:
+    if suffix not in members:
+        raise InputError(f"{suffix}: missing")
+    return members[suffix]
+
+
+def _decode(jpeg: bytes, size_px: int) -> Image:
+    # OpenCV fills up an image that was cut short: the last bytes of the file tell.
+    rgb = decode_rgb(jpeg) if jpeg.endswith(_END_OF_JPEG) else None
+    if rgb is None:
+        raise InputError(f"rgb.jpg: {len(jpeg)} bytes that are no whole JPEG image")
+    height, width = rgb.shape[:2]
+    if (width, height) != (size_px, size_px):
+        raise InputError(f"rgb.jpg: {width} x {height} px, not {size_px} x {size_px}")
+    return rgb
+
+
+def _parse(data: bytes, suffix: str) -> Any:
+    try:
+        return _KINDS[suffix].validate_json(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        found = str(first["input"])[:60]  # of what is no JSON: all of it
+        raise InputError(f"{suffix}: {where or 'content'} = {found!r}: {first['msg']}") from error
+
+
+def _agree(found: int, shafts: int, where: str) -> None:
+    if found != shafts:
+        raise InputError(f"{where}: {found} entries for the {shafts} shafts of shaft.json")
+
+
+def _masks(encoded: Mapping[str, _RunLengths], size_px: int) -> list[NDArray[np.bool_]]:
+    """The masks in the order of their numbers."""
+    masks = []
+    for number in range(len(encoded)):
+        runs = encoded.get(str(number))
+        if runs is None:
+            raise InputError(f"mask_visib.json: no mask {number}, though there are {len(encoded)}")
+        pixels = sum(runs.counts)
+        if runs.size != (size_px, size_px) or pixels != size_px**2:
+            raise InputError(
+                f"mask_visib.json: mask {number} has {pixels} px and the size {runs.size}, not "
+                f"{size_px} x {size_px}"
+            )
+        masks.append(decode_mask({"counts": runs.counts, "size": runs.size}))
+    return masks

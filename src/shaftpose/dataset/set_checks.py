@@ -1,0 +1,162 @@
+"""Checks of finished rendered sets: every shard is there, every image is what it should be."""
+
+import logging
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from operator import attrgetter
+from pathlib import Path
+
+from tqdm import tqdm
+
+from shaftpose.config import RenderSettings
+from shaftpose.dataset.image_checks import check_image
+from shaftpose.dataset.image_facts import ImageFacts
+from shaftpose.errors import InputError
+from shaftpose.instruments import POSE_DIMENSIONS
+from shaftpose.shards import is_whole, sample_key
+
+logger = logging.getLogger(__name__)
+
+MOST_NAMED = 20
+# A shard that is whole is not rendered again, whatever its members hold: it has to go first.
+_REMEDY = "delete data/scratch, then run `dvc repro -f render`"
+_pose = attrgetter(*POSE_DIMENSIONS)
+
+
+@dataclass(frozen=True)
+class ExpectedSet:
+    """What a folder of shards must hold.
+
+    shards: file name -> numbers of its images; backgrounds: file name -> id of its source.
+    """
+
+    folder: Path
+    settings: RenderSettings
+    shards: Mapping[str, range]
+    backgrounds: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake: `what` names the value and what it should be; key: of the image."""
+
+    shard: Path
+    key: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.shard}: {self.key}: {self.what}"
+
+
+@dataclass(frozen=True)
+class CheckedShard:
+    """The images of a shard that could be read, and what is wrong in it."""
+
+    path: Path
+    images: tuple[ImageFacts, ...]
+    problems: tuple[Problem, ...]
+
+
+def check_sets(expected: Mapping[str, ExpectedSet], workers: int) -> dict[str, list[ImageFacts]]:
+    """Check sets by name, a shard at a time in each of `workers` processes; the facts of all
+    images by set, in the order of their keys.
+
+    Raises InputError if anything is wrong in any of them, after naming the first 20 problems in
+    the log.
+    """
+    jobs = [(which, name) for which in expected.values() for name in which.shards]
+    counts = [len(which.shards[name]) for which, name in jobs]
+    # Spawned, not forked: a copy of a process with threads, such as BLAS starts, may hang.
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    with pool, tqdm(total=sum(counts), desc="checking", unit="image") as bar:
+        checked = []
+        results = pool.map(check_shard, *zip(*jobs, strict=True))
+        for count, shard in zip(counts, results, strict=True):
+            checked.append(shard)
+            bar.update(count)
+    refuse(find_problems(expected.values(), checked))
+    return {
+        name: [i for shard in checked if shard.path.parent == which.folder for i in shard.images]
+        for name, which in expected.items()
+    }
+
+
+def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
+    """Check the shard `name` of a set and each of its images."""
+    path, keys = expected.folder / name, [sample_key(n) for n in expected.shards[name]]
+    if not path.is_file() or not is_whole(path):
+        state = "truncated or damaged" if path.is_file() else "missing"
+        return CheckedShard(path, (), (Problem(path, f"{keys[0]} to {keys[-1]}", state),))
+    members = read_members(path)
+    problems = [Problem(path, key, "missing") for key in keys if key not in members]
+    problems += [
+        Problem(path, key, f"not one of this shard's images, {keys[0]} to {keys[-1]}")
+        for key in members
+        if key not in keys
+    ]
+    images = []
+    for key in keys:
+        if key in members:
+            facts, found = check_image(key, members[key], expected.settings, expected.backgrounds)
+            images += [facts] if facts else []
+            problems += [Problem(path, key, what) for what in found]
+    return CheckedShard(path, tuple(images), tuple(problems))
+
+
+def read_members(path: Path) -> dict[str, dict[str, bytes]]:
+    """Key -> suffix -> bytes of all that a whole shard holds."""
+    members: dict[str, dict[str, bytes]] = {}
+    with tarfile.open(path, "r:") as tar:
+        for entry in tar:
+            key, _, suffix = entry.name.partition(".")
+            file = tar.extractfile(entry)
+            if file is not None:
+                members.setdefault(key, {})[suffix] = file.read()
+    return members
+
+
+def find_problems(
+    expected: Iterable[ExpectedSet], checked: Sequence[CheckedShard]
+) -> list[Problem]:
+    """All that is wrong in sets whose shards are checked: in them, beside them, between them."""
+    found = [problem for shard in checked for problem in shard.problems]
+    strays = [problem for which in expected for problem in stray_shards(which)]
+    return [*found, *strays, *duplicates(checked)]
+
+
+def stray_shards(expected: ExpectedSet) -> list[Problem]:
+    """Shards beside those of the set, which trainings would read as well."""
+    found = sorted(expected.folder.glob("shard-*.tar"))
+    strays = (path for path in found if path.name not in expected.shards)
+    return [Problem(path, "all", "no shard of this set") for path in strays]
+
+
+def duplicates(checked: Iterable[CheckedShard]) -> Iterator[Problem]:
+    """Images that are the same file as an earlier one, and poses that occurred before.
+
+    Images without a shaft may be the same: they are backgrounds, and nothing else.
+    """
+    seen: dict[object, str] = {}
+    for shard in checked:
+        for image in shard.images:
+            here = f"{shard.path}: {image.key}"
+            names = {image.digest: "image file"} if image.shafts else {}
+            names |= {_pose(shaft): "pose" for shaft in image.shafts}
+            for value, what in names.items():
+                first = seen.setdefault(value, here)
+                if first != here:
+                    yield Problem(shard.path, image.key, f"the same {what} as {first}")
+
+
+def refuse(problems: Sequence[Problem]) -> None:
+    """Raise InputError naming the first problem, if there are any; log the first 20."""
+    if not problems:
+        return
+    for problem in problems[:MOST_NAMED]:
+        logger.error("%s", problem)
+    if len(problems) > MOST_NAMED:
+        logger.error("and %d more", len(problems) - MOST_NAMED)
+    raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {_REMEDY}")

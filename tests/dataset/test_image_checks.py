@@ -1,0 +1,249 @@
+"""Each check of an image: a set with exactly one defect is refused, in a line that says which."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shaftpose.dataset.image_checks import check_image, silhouette_ious
+from shaftpose.dataset.rendered_image import read_image
+from shaftpose.dataset.set_checks import ExpectedSet, find_problems, read_members, refuse
+from shaftpose.errors import InputError
+from shaftpose.geometry import ShaftPose
+from shaftpose.images import encode_jpeg
+from tests.dataset.rendered_sets import (
+    BACKGROUNDS,
+    BELOW,
+    LEFT,
+    RIGHT,
+    checked,
+    edit_json,
+    first,
+    rewrite,
+    sample,
+    settings,
+    silhouettes,
+    write_set,
+)
+
+KEY = "000000000"
+
+
+def complaint(expected: ExpectedSet) -> str:
+    """What refuses a set that has one defect and no other."""
+    with pytest.raises(InputError) as caught:
+        refuse(find_problems([expected], checked(expected)))
+    message = str(caught.value)
+    assert "(problem 1 of 1)" in message
+    assert message.startswith(f"{expected.folder / 'shard-000000.tar'}: {KEY}: ")
+    assert "dvc repro -f render" in message
+    return message
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> ExpectedSet:
+    """An image of two shafts and nothing wrong."""
+    return write_set(tmp_path_factory.mktemp("pair"), [[sample(0, [LEFT, RIGHT])]])
+
+
+def test_a_sound_image_passes(pair: ExpectedSet) -> None:
+    (shard,) = checked(pair)
+    refuse(find_problems([pair], [shard]))
+    (image,) = shard.images
+    assert [shaft.silhouette_iou for shaft in image.shafts] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "edit", "says"),
+    [
+        ("gt_info.json", lambda c: first(c, bbox_visib=[1, 2, 3, 4]),
+         "shaft 0: bbox_visib = (1, 2, 3, 4): the mask's extent is"),
+        ("gt_info.json", lambda c: first(c, bbox_obj=[0, 0, 2, 2]),
+         "shaft 0: bbox_obj = (0, 0, 2, 2): does not contain the mask"),
+        ("gt_info.json", lambda c: first(c, bbox_obj=[-1, 0, 300, 299]),
+         "shaft 0: bbox_obj = (-1, 0, 300, 299): leaves the image"),
+        ("gt_info.json", lambda c: first(c, bbox_obj=[0, 0, 299, 300]),
+         "shaft 0: bbox_obj = (0, 0, 299, 300): leaves the image"),
+        ("gt_info.json", lambda c: first(c, px_count_visib=7),
+         "shaft 0: px_count_visib = 7: the mask has"),
+        ("gt_info.json", lambda c: first(c, px_count_valid=7),
+         "shaft 0: px_count_valid = 7: px_count_all is"),
+        ("gt_info.json", lambda c: first(c, px_count_all=7, px_count_valid=7),
+         "shaft 0: px_count_all = 7: the mask alone has"),
+        ("gt_info.json", lambda c: first(c, visib_fract=0.25),
+         "shaft 0: visib_fract = 0.25:"),
+        ("gt_info.json", lambda c: c[0].pop("bbox_obj"),
+         "gt_info.json: 0.bbox_obj"),
+        ("gt_info.json", lambda c: c.pop(),
+         "gt_info.json: 1 entries for the 2 shafts"),
+        ("gt.json", lambda c: first(c, cam_t_m2c=[1.0, 2.0, 25.0]),
+         "shaft 0: cam_t_m2c = (1.0, 2.0, 25.0): shaft.json says [-6.0, -3.0, 25.0]"),
+        ("gt.json", lambda c: first(c, cam_R_m2c=c[1]["cam_R_m2c"]),
+         "shaft 0: cam_R_m2c has pitch 60.0000 and yaw 340.0000 deg: shaft.json says 70.0000"),
+        ("gt.json", lambda c: first(c, cam_R_m2c=[
+            value * (-1 if n % 3 == 0 else 1) for n, value in enumerate(c[0]["cam_R_m2c"])]),
+         "shaft 0: cam_R_m2c = ["),
+        ("gt.json", lambda c: first(c, cam_R_m2c=[
+            value * (2 if n % 3 == 0 else 1) for n, value in enumerate(c[0]["cam_R_m2c"])]),
+         ": no rotation"),
+        ("gt.json", lambda c: first(c, cam_R_m2c=[1.0, 2.0]),
+         "gt.json: 0.cam_R_m2c = '[1.0, 2.0]'"),
+        ("gt.json", lambda c: first(c, obj_id=2),
+         "shaft 0: obj_id = 2, not 1"),
+        ("camera.json", lambda c: c["cam_K"].__setitem__(0, 140.0),
+         "cam_K = [140.0, "),
+        ("mask_visib.json", lambda c: c["1"]["counts"].append(5),
+         "mask_visib.json: mask 1 has 89406 px"),
+        ("mask_visib.json", lambda c: c["1"].update(size=[1, 89401]),
+         "mask_visib.json: mask 1 has 89401 px and the size (1, 89401)"),
+        ("mask_visib.json", lambda c: c.update({"2": c.pop("0")}),
+         "mask_visib.json: no mask 0"),
+        ("mask_visib.json", lambda c: c["0"].update(counts=[-1, 89402]),
+         "mask_visib.json: 0.counts.0 = '-1'"),
+        ("shaft.json", lambda c: c.update(background="x.jpg"),
+         "background = 'x.jpg': not among the backgrounds of this set"),
+        ("shaft.json", lambda c: c.update(source="tissue-1"),
+         "source = 'tissue-1': the library says 'tissue-0' of 000000.jpg"),
+        ("shaft.json", lambda c: c.pop("tries"),
+         "shaft.json: tries"),
+        ("shaft.json", lambda c: c["steels"].pop(),
+         "shaft.json: steels: 1 entries for the 2 shafts"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value(
+    pair: ExpectedSet, tmp_path: Path, suffix: str, edit: Callable[[Any], Any], says: str
+) -> None:
+    shutil.copytree(pair.folder, tmp_path, dirs_exist_ok=True)
+    rewrite(tmp_path / "shard-000000.tar", edit_json(f"{KEY}.{suffix}", edit))
+    assert says in complaint(replace(pair, folder=tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "data", "says"),
+    [
+        ("rgb.jpg", b"no picture", "rgb.jpg: 10 bytes that are no whole JPEG image"),
+        ("rgb.jpg", b"no picture\xff\xd9", "rgb.jpg: 12 bytes that are no whole JPEG image"),
+        ("rgb.jpg", encode_jpeg(np.zeros((64, 80, 3), np.uint8), 95),
+         "rgb.jpg: 80 x 64 px, not 299 x 299"),
+        ("gt.json", b'[{"cam_R', "gt.json: content = "),
+        ("shaft.json", None, "shaft.json: missing"),
+    ],
+)  # fmt: skip
+def test_a_damaged_member(
+    pair: ExpectedSet, tmp_path: Path, suffix: str, data: bytes | None, says: str
+) -> None:
+    shutil.copytree(pair.folder, tmp_path, dirs_exist_ok=True)
+
+    def damage(members: dict[str, bytes]) -> None:
+        members.pop(f"{KEY}.{suffix}")
+        if data is not None:
+            members[f"{KEY}.{suffix}"] = data
+
+    rewrite(tmp_path / "shard-000000.tar", damage)
+    assert says in complaint(replace(pair, folder=tmp_path))
+
+
+def test_an_image_that_was_cut_short(pair: ExpectedSet, tmp_path: Path) -> None:
+    """OpenCV would decode it, the lower half grey."""
+    shutil.copytree(pair.folder, tmp_path, dirs_exist_ok=True)
+    name = f"{KEY}.rgb.jpg"
+    rewrite(
+        tmp_path / "shard-000000.tar",
+        lambda members: members.update({name: members[name][: len(members[name]) // 2]}),
+    )
+    assert "rgb.jpg: " in complaint(replace(pair, folder=tmp_path))
+
+
+TOO_FAR = ShaftPose(-6.0, -3.0, 45.0, 70.0, 150.0)
+TIP_BESIDE = ShaftPose(20.0, 0.0, 12.0, 90.0, 180.0)  # u = 137 * 20 / 12 + 149.5 = 378
+THROUGH_LENS = ShaftPose(13.38, 0.0, 14.86, 50.0, 180.0)  # passes the camera at 2.8 mm
+FLAT, ACROSS = ShaftPose(0.0, 0.0, 20.0, 90.0, 0.0), ShaftPose(5.0, -5.0, 20.0, 90.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("poses", "says"),
+    [
+        ([TOO_FAR], "shaft 0: z_mm = 45: outside poses.z_mm = [10, 40]"),
+        ([TIP_BESIDE], "shaft 0: tip at 377.8, 149.5 px: outside the image"),
+        ([THROUGH_LENS], "shaft 0: 1.283 mm from the camera: cuts scene.lens_radius_mm = 3.0"),
+        ([FLAT, ACROSS], "shafts 0 and 1: axes 0.000 mm apart: they cut each other"),
+        ([], "shafts = 0: outside scene.instruments = [1, 2]"),
+    ],
+)
+def test_an_impossible_scene(tmp_path: Path, poses: list[ShaftPose], says: str) -> None:
+    assert says in complaint(write_set(tmp_path, [[sample(0, poses)]]))
+
+
+def test_a_yaw_may_be_written_in_more_than_one_way(tmp_path: Path) -> None:
+    """gt.json's rotation knows no turns."""
+    expected = write_set(tmp_path, [[sample(0, [replace(LEFT, yaw_deg=150.0 - 360.0)])]])
+    wide = replace(expected.settings.poses, yaw_deg=(-360.0, 0.0))
+    expected = replace(expected, settings=replace(expected.settings, poses=wide))
+    refuse(find_problems([expected], checked(expected)))
+
+
+def test_a_mask_beside_its_shaft(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[np.roll(mask, 2, axis=0)])]])
+    message = complaint(expected)
+    assert "shaft 0: IoU 0." in message
+    assert "of its mask and the silhouette of its pose: below 0.95" in message
+
+
+def test_masks_of_occluded_shafts_are_not_compared(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    mask[:, :75] = False
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], occluders=[{}])]])
+    (shard,) = checked(expected)
+    assert not shard.problems
+    assert shard.images[0].shafts[0].silhouette_iou is None
+
+
+def test_a_mask_too_small_to_learn_from(tmp_path: Path) -> None:
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[100:110, 50:80] = True
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], occluders=[{}])]])
+    assert "shaft 0: mask of 300 px: fewer than scene.min_visible_px = 400" in complaint(expected)
+
+
+def test_a_pixel_of_two_shafts(tmp_path: Path) -> None:
+    one, two = silhouettes([LEFT, RIGHT])
+    two[100:105, 100:110] = True
+    one[100:105, 100:110] = True
+    pair = sample(0, [LEFT, RIGHT], masks=[one, two], occluders=[{}])
+    assert "shafts 0 and 1: their visible masks share 50 px" in complaint(
+        write_set(tmp_path, [[pair]])
+    )
+
+
+def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
+    (mask,) = silhouettes([BELOW])
+    rows = np.flatnonzero(mask.any(axis=1))
+    kept = mask.copy()
+    kept[rows[len(rows) // 2] :] = False
+    expected = write_set(tmp_path, [[sample(0, [BELOW], masks=[kept])]])
+    members = read_members(tmp_path / "shard-000000.tar")[KEY]
+    found = silhouette_ious(read_image(members, 299), expected.settings)
+    # Every ninth pixel is compared: of some 1,000 px the share is right to a hundredth or so.
+    assert found == [pytest.approx(kept.sum() / mask.sum(), abs=0.02)]
+
+
+def test_facts_of_an_image_by_hand(tmp_path: Path) -> None:
+    write_set(tmp_path, [[sample(0, [FLAT])]])
+    members = read_members(tmp_path / "shard-000000.tar")[KEY]
+    facts, problems = check_image(KEY, members, settings(), BACKGROUNDS)
+    assert not problems
+    assert facts is not None
+    assert (facts.key, facts.background, facts.source) == (KEY, "000000.jpg", "tissue-0")
+    assert (facts.tries, facts.light_strength, facts.light_kelvin) == (4, 1000.0, 5000.0)
+    (shaft,) = facts.shafts
+    assert (shaft.x_mm, shaft.z_mm, shaft.pitch_deg) == (0.0, 20.0, 90.0)
+    # From the tip in the centre, column 149, to the right edge; 3 mm at 18.5 mm are 22 px high.
+    assert shaft.box_width_px == 150
+    assert shaft.box_height_px == pytest.approx(3 * 136.99 / 19.94, abs=1)
+    assert shaft.lens_distance_mm == pytest.approx(20.0)
+    assert shaft.roughness == 0.2
