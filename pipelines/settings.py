@@ -5,6 +5,7 @@ from typing import Any
 
 from shaftpose.config import (
     BackgroundSettings,
+    ClusterSettings,
     DetectionSettings,
     LossSettings,
     RenderSettings,
@@ -24,6 +25,7 @@ def check(config: Config) -> None:
     Raises InputError naming the first wrong key.
     """
     size(config)
+    cluster_settings(config)
     render_settings(config)
     stand_in = config["real"]["stand_in"]
     render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
@@ -38,7 +40,6 @@ def check(config: Config) -> None:
         parse(kind, config[name], f"params.yaml: {name}")
     run = {
         "seed": config["seed"],
-        "workers": config["render"]["workers"],
         "champion_margin": config["report"]["champion_margin"],
     }
     parse(RunSettings, run, "params.yaml")
@@ -47,6 +48,11 @@ def check(config: Config) -> None:
 def size(config: Config) -> Size:
     """The sizes of the chosen profile."""
     return parse(Size, config["size"], f"conf/profiles.yaml: {config['profile']}")
+
+
+def cluster_settings(config: Config) -> ClusterSettings:
+    """Who renders."""
+    return parse(ClusterSettings, config["cluster"], "params.yaml: cluster")
 
 
 def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSettings:

@@ -1,0 +1,87 @@
+"""Where shards are rendered: on this machine, through a running Dask scheduler, or in Slurm jobs.
+
+What listens on this machine alone does so on 127.0.0.1; with Slurm, scheduler and workers talk over
+the network, encrypted, with keys of their own.
+"""
+
+import logging
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import dask.config
+from dask_jobqueue import SLURMCluster
+from distributed import Client, LocalCluster
+
+from shaftpose.config import ClusterSettings, SlurmSettings
+from shaftpose.errors import InputError
+
+# Python source that Dask has each worker process execute. Ctrl-C reaches all processes of a
+# terminal: the one that started the run ends the others in order.
+_LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+# Of Dask's scheduler and workers: health and, where bokeh is installed, the dashboard.
+_PAGES = "127.0.0.1:0"
+_ANSWER_S = 30.0
+
+
+@contextmanager
+def connect(settings: ClusterSettings) -> Iterator[Client]:
+    """A client of the workers that the settings name; those started for it end with it.
+
+    Raises InputError if the scheduler does not answer or there is no Slurm.
+    """
+    with ExitStack() as stack:
+        if settings.address is not None:
+            client = _client_of(settings.address)
+        elif settings.slurm is not None:
+            client = Client(stack.enter_context(_slurm(settings.slurm)), set_as_default=False)
+        else:
+            client = Client(stack.enter_context(_local(settings.workers)), set_as_default=False)
+        yield stack.enter_context(client)
+
+
+def _client_of(address: str) -> Client:
+    try:
+        return Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"cluster.address = {address}: no Dask scheduler answers there; start one, or set it "
+            "to null to render on this machine"
+        ) from error
+
+
+def _local(workers: int) -> LocalCluster:
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=_PAGES,
+        worker_dashboard_address=None,
+        memory_limit=None,  # of the Dask worker: Blender's memory is not counted
+        preload=[_LEAVE_INTERRUPTS_ALONE],
+        silence_logs=logging.CRITICAL,  # what matters, tasks report
+    )
+
+
+def _slurm(settings: SlurmSettings) -> SLURMCluster:
+    """Jobs of one worker per core. What else a site needs (an account, a network interface, a
+    module to load) Dask reads from ~/.config/dask/jobqueue.yaml."""
+    if shutil.which("sbatch") is None:
+        raise InputError(
+            "cluster.slurm: there is no sbatch here; run it on a machine that submits Slurm jobs, "
+            "or set it to null"
+        )
+    site = dask.config.get("jobqueue.slurm")
+    cluster = SLURMCluster(
+        queue=settings.queue,
+        cores=settings.cores,
+        processes=settings.cores,
+        memory=settings.memory,
+        walltime=settings.walltime,
+        security=True,
+        scheduler_options={**site["scheduler-options"], "dashboard_address": _PAGES},
+        worker_extra_args=[*site["worker-extra-args"], "--dashboard-address", _PAGES],
+    )
+    # Not `scale`: a job that has come to the end of its time is to be replaced.
+    cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
+    return cluster
