@@ -185,7 +185,7 @@ class ClusterSettings:
 
     def __post_init__(self) -> None:
         if self.address is not None and self.slurm is not None:
-            raise ValueError("address and slurm are both set; one of them must be null")
+            raise ValueError("address and slurm are both set; make one of them null")
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -312,6 +312,8 @@ def _first_complaint(error: ValidationError, where: str) -> str:
     if first["type"] == "missing":
         return f"{where}.{key} is missing; add it"
     message = first["msg"].removeprefix("Value error, ")
+    if not key:  # of several keys together
+        return f"{where}: {message}"
     return f"{where}.{key} = {first['input']!r}: {message}"
 
 

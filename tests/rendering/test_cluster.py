@@ -1,6 +1,9 @@
 """The workers that settings name."""
 
+import gc
 import os
+import signal
+from pathlib import Path
 
 import psutil
 import pytest
@@ -8,7 +11,7 @@ import pytest
 from shaftpose.config import ClusterSettings, SlurmSettings
 from shaftpose.errors import InputError
 from shaftpose.rendering import cluster
-from shaftpose.rendering.cluster import connect
+from shaftpose.rendering.cluster import connect, slurm_cluster
 
 SLURM = SlurmSettings(queue="long", cores=32, memory="64GB", walltime="12:00:00", jobs=4)
 
@@ -50,7 +53,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 
 def test_an_address_that_is_none_is_named() -> None:
     with (
-        pytest.raises(InputError, match=r"cluster\.address = nowhere"),
+        pytest.raises(InputError, match="carrier-pigeon://nowhere: no Dask"),
         connect(settings(address="carrier-pigeon://nowhere")),
     ):
         pass
@@ -60,3 +63,26 @@ def test_a_machine_without_slurm_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InputError, match="there is no sbatch here"), connect(settings(slurm=SLURM)):
         pass
+
+
+def test_slurm_jobs_have_a_worker_per_core_and_talk_tls(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    on_interrupt = signal.getsignal(signal.SIGINT)
+    with slurm_cluster(SLURM) as started:
+        assert signal.getsignal(signal.SIGINT) is on_interrupt
+        script = started.job_script()
+        keys = list(tmp_path.iterdir())
+        assert {path.stat().st_mode & 0o777 for path in keys} == {0o600}
+    header = {line for line in script.splitlines() if line.startswith("#SBATCH")}
+    assert {"#SBATCH -p long", "#SBATCH --cpus-per-task=32", "#SBATCH -t 12:00:00"} < header
+    assert "tls://" in script
+    assert "--nworkers 32" in script
+    assert "--nthreads 1" in script
+    assert "--dashboard-address 127.0.0.1:0" in script
+    assert keys
+    assert all(str(path) in script for path in keys)
+    del started
+    gc.collect()
+    assert not list(tmp_path.iterdir())

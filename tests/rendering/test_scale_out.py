@@ -1,5 +1,6 @@
 """Whole sets rendered by Dask workers: the same bytes whatever happens on the way."""
 
+import json
 import logging
 import os
 import shutil
@@ -22,25 +23,25 @@ from distributed import Client
 
 from shaftpose.config import ClusterSettings, RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.rendering import scale_out
+from shaftpose.rendering import cluster, scale_out
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet, Shard
 from shaftpose.rendering.scale_out import ATTEMPTS, render_set
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.shards import ShardedDataset, sample_key
 
-IMAGES, PER_SHARD, SHARDS = 12, 4, 3
-PATIENCE_S = 120.0
-# Longer than Blender takes to start and render an image on a busy machine.
-HANG_S = 20.0
+IMAGES, PER_SHARD, SHARDS = 8, 4, 2
+PATIENCE_S = 600.0  # a busy machine may need long
 
 RENDER_SET = """
+import signal
 import sys
 from shaftpose.config import ClusterSettings
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.scale_out import render_set
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` takes it away
     sources = {Path(path): source for path, source in backgrounds}
     rendered = RenderedSet(settings, sources, seed, images, per_shard)
     cluster = ClusterSettings(workers=1, address=address, slurm=None, hang_s=600.0)
@@ -78,9 +79,7 @@ def rendered(settings: RenderSettings, backgrounds: Mapping[Path, str]) -> Rende
     return RenderedSet(replace(settings, samples=2), backgrounds, 17, IMAGES, PER_SHARD)
 
 
-def render(
-    rendered: RenderedSet, folder: Path, client: Client, hang_s: float = 10 * PATIENCE_S
-) -> None:
+def render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float = PATIENCE_S) -> None:
     """Render a set into `folder/out` by way of `folder/scratch`."""
     render_set(rendered, folder / "scratch", folder / "out", client, hang_s)
 
@@ -93,6 +92,16 @@ def undisturbed(
     folder = tmp_path_factory.mktemp("undisturbed")
     render(rendered, folder, client)
     return folder / "scratch", folder / "out"
+
+
+@pytest.fixture(scope="module")
+def hang_s(rendered: RenderedSet, undisturbed: tuple[Path, Path]) -> float:
+    """Longer than Blender takes on this machine to start and render an image."""
+    begin, end = (
+        (undisturbed[0] / rendered.fingerprint() / name).stat().st_mtime
+        for name in ("set.json", f"shard-{SHARDS - 1:06d}.tar")
+    )
+    return max(10.0, 3 * (end - begin))
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -189,7 +198,7 @@ def test_a_finished_set_is_not_rendered_again(
     scratch, out = undisturbed
     before = {path: identity(path) for path in sorted(scratch.rglob("*.tar"))}
     assert len(before) == SHARDS
-    render_set(rendered, scratch, tmp_path / "out", client, HANG_S)
+    render_set(rendered, scratch, tmp_path / "out", client, PATIENCE_S)
     assert {path: identity(path) for path in sorted(scratch.rglob("*.tar"))} == before
     assert contents(tmp_path / "out") == contents(out)
 
@@ -220,9 +229,10 @@ def test_a_hung_blender_is_killed_and_its_shard_rendered_by_another(
     undisturbed: tuple[Path, Path],
     client: Client,
     background: Callable[..., Future[None]],
+    hang_s: float,
     tmp_path: Path,
 ) -> None:
-    run = background(rendered, tmp_path, client, HANG_S)
+    run = background(rendered, tmp_path, client, hang_s)
     hung = stopped_in_the_middle(tmp_path)
     run.result(PATIENCE_S)
     assert has_ended(hung)
@@ -286,6 +296,44 @@ def test_what_a_dead_worker_left_is_removed(
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
+# A Dask scheduler dies.
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """A scheduler from the command line with one worker, and its address."""
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    here = ["--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0", "--scheduler-file", file]
+    with (
+        subprocess.Popen([*dask, "scheduler", "--port", "0", *here]) as scheduler,
+        subprocess.Popen([*dask, "worker", "--nthreads", "1", *here]) as worker,
+    ):
+        wait_until(file.exists)
+        yield scheduler, json.loads(wait_until(file.read_text))["address"]
+        worker.terminate()
+        scheduler.terminate()
+
+
+def test_a_lost_scheduler_ends_the_run(
+    rendered: RenderedSet,
+    scheduler: tuple[subprocess.Popen[bytes], str],
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cluster, "_ANSWER_S", 5.0)
+    process, address = scheduler
+    with workers(1, address) as client:
+        run = background(rendered, tmp_path, client)
+        blender = stopped_in_the_middle(tmp_path)
+        process.kill()
+        with pytest.raises(InputError, match="connection to the Dask scheduler is lost"):
+            run.result(PATIENCE_S)
+        blender.kill()
+    assert not (tmp_path / "out").exists()
+
+
 # The run itself is interrupted or killed, or started twice.
 
 
@@ -319,7 +367,7 @@ def test_ctrl_c_ends_all_processes_and_keeps_finished_shards(
     output, _ = process.communicate(timeout=PATIENCE_S)
     assert output.strip().endswith("interrupted")
     assert "Traceback" not in output
-    assert all(map(has_ended, all_processes))
+    wait_until(lambda: all(map(has_ended, all_processes)))
     assert not (tmp_path / "out").exists()
 
     render(rendered, tmp_path, client)
@@ -337,7 +385,8 @@ def test_a_killed_run_leaves_no_process_and_continues_to_the_same_bytes(
     process.kill()
     process.communicate(timeout=PATIENCE_S)
     wait_until(lambda: all(map(has_ended, all_processes)))
-    assert [shard.path.exists() for shard in shards] == [True, False, False]
+    assert not shards[-1].path.exists()
+    assert not (tmp_path / "out").exists()
 
     render(rendered, tmp_path, client)
     assert identity(shards[0].path) == before
@@ -398,12 +447,12 @@ def test_a_truncated_shard_in_scratch_is_rendered_again(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     cut_short(finished[1].path)
-    others = [identity(shard.path) for shard in (finished[0], finished[2])]
+    before = identity(finished[0].path)
     with caplog.at_level(logging.WARNING, logger=scale_out.__name__):
         render(rendered, tmp_path, client)
     assert f"{finished[1].path} is truncated or damaged: rendering it again" in caplog.messages
     assert contents(tmp_path / "out") == contents(undisturbed[1])
-    assert [identity(shard.path) for shard in (finished[0], finished[2])] == others
+    assert identity(finished[0].path) == before
 
 
 def test_a_truncated_shard_in_out_is_mended_by_running_again(
@@ -448,7 +497,7 @@ def test_a_full_disk_ends_the_run_and_room_lets_it_continue(
     with pytest.raises(InputError, match="No space left on device; make room") as caught:
         render(rendered, tmp_path, lone_client)
     assert str(caught.value).startswith(str(small_disk))
-    first, second, _ = rendered.shards(small_disk / rendered.fingerprint())
+    first, second = rendered.shards(small_disk / rendered.fingerprint())
     before = identity(first.path)
     assert not second.path.exists()
     assert not list(small_disk.rglob("*.part"))

@@ -6,12 +6,13 @@ the network, encrypted, with keys of their own.
 
 import logging
 import shutil
+import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import dask.config
-from dask_jobqueue import SLURMCluster
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, SpecCluster
 
 from shaftpose.config import ClusterSettings, SlurmSettings
 from shaftpose.errors import InputError
@@ -22,6 +23,8 @@ _LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SI
 # Of Dask's scheduler and workers: health and, where bokeh is installed, the dashboard.
 _PAGES = "127.0.0.1:0"
 _ANSWER_S = 30.0
+# Settings of a Slurm site that are added to, not replaced.
+_SITE = ("shared-temp-directory", "scheduler-options", "worker-extra-args")
 
 
 @contextmanager
@@ -63,25 +66,38 @@ def _local(workers: int) -> LocalCluster:
     )
 
 
-def _slurm(settings: SlurmSettings) -> SLURMCluster:
-    """Jobs of one worker per core. What else a site needs (an account, a network interface, a
-    module to load) Dask reads from ~/.config/dask/jobqueue.yaml."""
+def _slurm(settings: SlurmSettings) -> SpecCluster:
     if shutil.which("sbatch") is None:
         raise InputError(
             "cluster.slurm: there is no sbatch here; run it on a machine that submits Slurm jobs, "
             "or set it to null"
         )
-    site = dask.config.get("jobqueue.slurm")
-    cluster = SLURMCluster(
+    cluster = slurm_cluster(settings)
+    # Not `scale`: a job that has come to the end of its time is to be replaced.
+    cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
+    return cluster
+
+
+def slurm_cluster(settings: SlurmSettings) -> SpecCluster:
+    """A scheduler whose jobs, of one worker per core, are still to be submitted.
+
+    What else a site needs, an account or a network interface, Dask reads from
+    ~/.config/dask/jobqueue.yaml.
+    """
+    # On import dask-jobqueue 0.9.0 makes Ctrl-C end the process with status 0 (its issue 696).
+    on_interrupt = signal.getsignal(signal.SIGINT)
+    from dask_jobqueue import SLURMCluster
+
+    signal.signal(signal.SIGINT, on_interrupt)
+    site = {key: dask.config.get(f"jobqueue.slurm.{key}") for key in _SITE}
+    return SLURMCluster(
         queue=settings.queue,
         cores=settings.cores,
         processes=settings.cores,
         memory=settings.memory,
         walltime=settings.walltime,
         security=True,
+        shared_temp_directory=site["shared-temp-directory"] or str(Path.home()),
         scheduler_options={**site["scheduler-options"], "dashboard_address": _PAGES},
         worker_extra_args=[*site["worker-extra-args"], "--dashboard-address", _PAGES],
     )
-    # Not `scale`: a job that has come to the end of its time is to be replaced.
-    cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
-    return cluster

@@ -1,7 +1,7 @@
 """Renders a set shard by shard on Dask workers, and survives interruption."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,15 +84,16 @@ def _render(shards: Sequence[Shard], run: Run, client: Client) -> None:
         client.subscribe_topic(run.topic, progress.on_event)
         futures = client.map(render_shard, shards, run=run, pure=False, retries=ATTEMPTS - 1)
         try:
-            _await(dict(zip(futures, shards, strict=True)), progress)
+            tasks = as_completed(futures, loop=client.loop)
+            _await(tasks, dict(zip(futures, shards, strict=True)), progress)
         finally:
             client.cancel(futures)  # their tasks end Blender
             client.unsubscribe_topic(run.topic)
 
 
-def _await(shards: dict[Future, Shard], progress: "_Progress") -> None:
+def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Progress") -> None:
     """Wait until all tasks are done; raises InputError at the first failure."""
-    for future in as_completed(shards):
+    for future in tasks:
         shard = shards[future]
         try:
             complaint = future.result()
