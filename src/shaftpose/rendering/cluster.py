@@ -23,8 +23,9 @@ _LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SI
 # Of Dask's scheduler and workers: health and, where bokeh is installed, the dashboard.
 _PAGES = "127.0.0.1:0"
 _ANSWER_S = 30.0
-# Settings of a Slurm site that are added to, not replaced.
-_SITE = ("shared-temp-directory", "scheduler-options", "worker-extra-args")
+# Settings of a Slurm site that are added to or replaced only where they are not set.
+_SITE = ("shared-temp-directory", "log-directory", "scheduler-options", "worker-extra-args")
+_JOB_LOGS = "outputs/slurm"
 
 
 @contextmanager
@@ -98,6 +99,7 @@ def slurm_cluster(settings: SlurmSettings) -> SpecCluster:
         walltime=settings.walltime,
         security=True,
         shared_temp_directory=site["shared-temp-directory"] or str(Path.home()),
+        log_directory=site["log-directory"] or _JOB_LOGS,
         scheduler_options={**site["scheduler-options"], "dashboard_address": _PAGES},
         worker_extra_args=[*site["worker-extra-args"], "--dashboard-address", _PAGES],
     )

@@ -119,10 +119,10 @@ def _follow(
             if now - heard > hang_s:
                 raise TimeoutError
             continue
-        line = output.readline().decode().strip()
-        if not line:
+        said = output.readline()
+        if not said:
             return complaint
-        heard = now
+        heard, line = now, said.decode().strip()
         if line == IMAGE_DONE:
             images += 1
         elif line.startswith(COMPLAINT):
