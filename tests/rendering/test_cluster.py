@@ -59,7 +59,9 @@ def test_an_address_that_is_none_is_named() -> None:
         pass
 
 
-def test_a_machine_without_slurm_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_slurm_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InputError, match="there is no sbatch here"), connect(settings(slurm=SLURM)):
         pass
@@ -69,11 +71,12 @@ def test_slurm_jobs_have_a_worker_per_core_and_talk_tls(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)  # where the jobs' logs go
     on_interrupt = signal.getsignal(signal.SIGINT)
     with slurm_cluster(SLURM) as started:
         assert signal.getsignal(signal.SIGINT) is on_interrupt
         script = started.job_script()
-        keys = list(tmp_path.iterdir())
+        keys = list(tmp_path.glob(".*"))
         assert {path.stat().st_mode & 0o777 for path in keys} == {0o600}
     header = {line for line in script.splitlines() if line.startswith("#SBATCH")}
     assert {"#SBATCH -p long", "#SBATCH --cpus-per-task=32", "#SBATCH -t 12:00:00"} < header
@@ -85,4 +88,4 @@ def test_slurm_jobs_have_a_worker_per_core_and_talk_tls(
     assert all(str(path) in script for path in keys)
     del started
     gc.collect()
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.glob(".*"))

@@ -5,17 +5,21 @@ the network, encrypted, with keys of their own.
 """
 
 import logging
-import shutil
 import signal
+import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import dask.config
-from distributed import Client, LocalCluster, SpecCluster
+from distributed import Client, LocalCluster
 
 from shaftpose.config import ClusterSettings, SlurmSettings
 from shaftpose.errors import InputError
+
+if TYPE_CHECKING:
+    from dask_jobqueue import SLURMCluster
 
 # Python source that Dask has each worker process execute. Ctrl-C reaches all processes of a
 # terminal: the one that started the run ends the others in order.
@@ -38,7 +42,9 @@ def connect(settings: ClusterSettings) -> Iterator[Client]:
         if settings.address is not None:
             client = _client_of(settings.address)
         elif settings.slurm is not None:
-            client = Client(stack.enter_context(_slurm(settings.slurm)), set_as_default=False)
+            cluster = stack.enter_context(slurm_cluster(settings.slurm))
+            _submit_jobs(cluster, settings.slurm.jobs)
+            client = Client(cluster, set_as_default=False)
         else:
             client = Client(stack.enter_context(_local(settings.workers)), set_as_default=False)
         yield stack.enter_context(client)
@@ -67,19 +73,7 @@ def _local(workers: int) -> LocalCluster:
     )
 
 
-def _slurm(settings: SlurmSettings) -> SpecCluster:
-    if shutil.which("sbatch") is None:
-        raise InputError(
-            "cluster.slurm: there is no sbatch here; run it on a machine that submits Slurm jobs, "
-            "or set it to null"
-        )
-    cluster = slurm_cluster(settings)
-    # Not `scale`: a job that has come to the end of its time is to be replaced.
-    cluster.adapt(minimum_jobs=settings.jobs, maximum_jobs=settings.jobs)
-    return cluster
-
-
-def slurm_cluster(settings: SlurmSettings) -> SpecCluster:
+def slurm_cluster(settings: SlurmSettings) -> "SLURMCluster":
     """A scheduler whose jobs, of one worker per core, are still to be submitted.
 
     What else a site needs, an account or a network interface, Dask reads from
@@ -103,3 +97,20 @@ def slurm_cluster(settings: SlurmSettings) -> SpecCluster:
         scheduler_options={**site["scheduler-options"], "dashboard_address": _PAGES},
         worker_extra_args=[*site["worker-extra-args"], "--dashboard-address", _PAGES],
     )
+
+
+def _submit_jobs(cluster: "SLURMCluster", jobs: int) -> None:
+    """Submit jobs and replace those that come to the end of their time, if Slurm would run them:
+    Dask would wait for a job that was refused."""
+    test = ["sbatch", "--test-only"]
+    try:
+        asked = subprocess.run(test, input=cluster.job_script(), capture_output=True, text=True)
+    except FileNotFoundError as error:
+        raise InputError(
+            "cluster.slurm: there is no sbatch here; run it on a machine that submits Slurm jobs, "
+            "or set it to null"
+        ) from error
+    if asked.returncode:
+        answer = " ".join(asked.stderr.split())
+        raise InputError(f"cluster.slurm: Slurm refuses such jobs: {answer}; mend it")
+    cluster.adapt(minimum_jobs=jobs, maximum_jobs=jobs)
