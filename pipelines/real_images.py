@@ -3,11 +3,12 @@
 import json
 import logging
 import shutil
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from render import by_path, images_per_shard
-from settings import render_settings, size
+from settings import cluster_settings, render_settings, size
 from stage import Config, stage
 
 from shaftpose.backgrounds.library import procedural_sources, read_library, write_library
@@ -17,6 +18,7 @@ from shaftpose.config import RenderSettings
 from shaftpose.dataset.coco import RealSample, check_masks, read_coco, read_pixels, write_coco
 from shaftpose.errors import InputError
 from shaftpose.images import write_jpeg
+from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.scale_out import render_set
 from shaftpose.shards import ShardedDataset
@@ -69,29 +71,43 @@ def copy_real(source: Path, out: Path) -> None:
 
 def write_stand_in(config: Config, out: Path) -> None:
     """Render a domain that looks unlike the training images: other tissue, light, lens and air."""
-    sizes = size(config)
-    images = {"train": sizes.real, "clear": sizes.test_set, "occluded": sizes.test_set}
-    backgrounds = stand_in_backgrounds(config)
-    samples: dict[str, list[tuple[str, RealSample]]] = {}
-    for number, (name, (seed, hidden)) in enumerate(STAND_IN_SETS.items()):
-        chosen = backgrounds[number * SOURCES_PER_SET : (number + 1) * SOURCES_PER_SET]
-        rendered = RenderedSet(
-            settings=stand_in_settings(config, hidden),
-            backgrounds=dict(chosen),
-            seed=config["seed"] + seed,
-            images=images[name],
-            images_per_shard=images_per_shard(images[name], sizes),
-        )
-        folder = SCRATCH / "stand-in" / name
-        shutil.rmtree(folder, ignore_errors=True)
-        render_set(rendered, SCRATCH, folder, config["render"]["workers"])
-        samples[name] = [(f"images/{name}-{key}.jpg", s) for key, s in read_samples(folder)]
+    samples = render_stand_in(config)
     for name, sample in [pair for pairs in samples.values() for pair in pairs]:
         write_jpeg(sample.rgb, out / name)
     about = "stand-in for real endoscopic images, rendered; boxes only, no poses"
     write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
     test = samples["clear"] + samples["occluded"]
     write_coco(out / "test.json", test, with_masks=True, description=about)
+
+
+def render_stand_in(config: Config) -> dict[str, list[tuple[str, RealSample]]]:
+    """The samples of each set of the stand-in and the names of their image files."""
+    cluster = cluster_settings(config)
+    samples = {}
+    with connect(cluster) as client:
+        for name, rendered in stand_in_sets(config).items():
+            folder = SCRATCH / "stand-in" / name
+            shutil.rmtree(folder, ignore_errors=True)
+            render_set(rendered, SCRATCH, folder, client, cluster.hang_s)
+            samples[name] = [(f"images/{name}-{key}.jpg", s) for key, s in read_samples(folder)]
+    return samples
+
+
+def stand_in_sets(config: Config) -> dict[str, RenderedSet]:
+    """The sets of the stand-in by name; no background is in two of them."""
+    sizes = size(config)
+    images = {"train": sizes.real, "clear": sizes.test_set, "occluded": sizes.test_set}
+    backgrounds = iter(stand_in_backgrounds(config))
+    return {
+        name: RenderedSet(
+            settings=stand_in_settings(config, hidden),
+            backgrounds=dict(islice(backgrounds, SOURCES_PER_SET)),
+            seed=config["seed"] + seed,
+            images=images[name],
+            images_per_shard=images_per_shard(images[name], sizes),
+        )
+        for name, (seed, hidden) in STAND_IN_SETS.items()
+    }
 
 
 def stand_in_backgrounds(config: Config) -> list[tuple[Path, str]]:

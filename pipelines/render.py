@@ -4,11 +4,12 @@ import logging
 from math import ceil
 from pathlib import Path
 
-from settings import render_settings, size
+from settings import cluster_settings, render_settings, size
 from stage import Config, stage
 
 from shaftpose.backgrounds.library import Background, hold_out, read_library
 from shaftpose.config import Size
+from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.meshes import shaft_mesh
 from shaftpose.rendering.scale_out import render_set
@@ -25,9 +26,11 @@ def main(config: Config) -> None:
     """Write `images/`, `clear/`, `occluded/` and `models/` to `out`."""
     out = Path(config["out"])
     library = read_library(Path("data/backgrounds"))
-    for name, rendered in rendered_sets(config, library).items():
-        render_set(rendered, Path("data/scratch"), out / name, config["render"]["workers"])
-        logger.info("%d images are in %s", rendered.images, out / name)
+    cluster = cluster_settings(config)
+    with connect(cluster) as client:
+        for name, rendered in rendered_sets(config, library).items():
+            render_set(rendered, Path("data/scratch"), out / name, client, cluster.hang_s)
+            logger.info("%d images are in %s", rendered.images, out / name)
     shaft = render_settings(config).shaft
     mesh = shaft_mesh(shaft.diameter_mm, shaft.length_mm)
     write_models(out / "models", mesh.vertices, mesh.faces, shaft.diameter_mm, shaft.length_mm)

@@ -8,6 +8,7 @@ import yaml
 
 from shaftpose.config import (
     BackgroundSettings,
+    ClusterSettings,
     DetectionSettings,
     LossSettings,
     RenderSettings,
@@ -29,6 +30,7 @@ def check(config: Config) -> None:
     Raises InputError naming the first wrong key.
     """
     size(config)
+    cluster_settings(config)
     render_settings(config)
     stand_in = config["real"]["stand_in"]
     render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
@@ -45,7 +47,6 @@ def check(config: Config) -> None:
         parse(kind, config[name], f"params.yaml: {name}")
     run = {
         "seed": config["seed"],
-        "workers": config["render"]["workers"],
         "champion_margin": config["report"]["champion_margin"],
     }
     parse(RunSettings, run, "params.yaml")
@@ -67,6 +68,11 @@ def check_variant(name: str) -> None:
 def size(config: Config) -> Size:
     """The sizes of the chosen profile."""
     return parse(Size, config["size"], f"conf/profiles.yaml: {config['profile']}")
+
+
+def cluster_settings(config: Config) -> ClusterSettings:
+    """Who renders."""
+    return parse(ClusterSettings, config["cluster"], "params.yaml: cluster")
 
 
 def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSettings:

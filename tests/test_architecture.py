@@ -15,6 +15,8 @@ GROUND_FLOOR = ("geometry", "shards", "config", "errors", "instruments", "images
 # The places that may know a tool, as paths from the root that a file's path starts with.
 OWNERS = {
     "bpy": ("src/shaftpose/rendering/",),
+    "distributed": ("src/shaftpose/rendering/",),
+    "dask_jobqueue": ("src/shaftpose/rendering/cluster.py",),
     "mlflow": ("src/shaftpose/tracking.py",),
     "hydra": ("pipelines/", "src/shaftpose/sweep.py"),
 }

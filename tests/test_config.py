@@ -8,6 +8,7 @@ import yaml
 
 from shaftpose.config import (
     Augmentation,
+    ClusterSettings,
     LossSettings,
     RenderSettings,
     SceneSettings,
@@ -60,6 +61,8 @@ def complaint(kind: type, values: dict[str, Any]) -> str:
         (SceneSettings, "scene", "occluder_probability", 1.5),
         (SplitSettings, "split", "method", "alphabetical"),
         (SplitSettings, "split", "test", 1.0),
+        (ClusterSettings, "cluster", "workers", 0),
+        (ClusterSettings, "cluster", "hang_s", 0),
     ],
 )
 def test_a_wrong_value_is_named(kind: type, part: str, key: str, value: object) -> None:
@@ -97,6 +100,31 @@ def test_a_wrong_value_deep_inside_is_named(values: dict[str, Any], named: str) 
 def test_a_wrong_count_is_named(key: str, value: float) -> None:
     message = complaint(TrainingSettings, {**PARAMS["training"], key: value})
     assert message.startswith(f"params.yaml: part.{key} = {value!r}: ")
+
+
+SLURM = {"queue": "long", "cores": 32, "memory": "64GB", "walltime": "12:00:00", "jobs": 4}
+
+
+@pytest.mark.parametrize("memory", ["64GB", "64 GB", "500MiB"])
+def test_slurm_jobs_are_part_of_the_cluster(memory: str) -> None:
+    slurm = {**SLURM, "memory": memory}
+    found = parse(ClusterSettings, {**PARAMS["cluster"], "slurm": slurm}, "here").slurm
+    assert found is not None
+    assert (found.cores, found.memory) == (32, memory)
+
+
+# YAML reads 12:00:00 without quotes as a number of seconds.
+@pytest.mark.parametrize(("key", "value"), [("memory", "64"), ("walltime", 43200), ("jobs", 0)])
+def test_what_slurm_would_not_understand_is_named(key: str, value: object) -> None:
+    slurm = {**SLURM, key: value}
+    message = complaint(ClusterSettings, {**PARAMS["cluster"], "slurm": slurm})
+    assert message.startswith(f"params.yaml: part.slurm.{key} = {value!r}: ")
+
+
+def test_a_scheduler_and_slurm_exclude_each_other() -> None:
+    both = {"address": "tcp://10.0.0.1:8786", "slurm": SLURM}
+    message = complaint(ClusterSettings, {**PARAMS["cluster"], **both})
+    assert message == "params.yaml: part: address and slurm are both set; make one of them null"
 
 
 def test_a_missing_key_is_named() -> None:

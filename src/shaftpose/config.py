@@ -160,6 +160,35 @@ class RenderSettings:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class SlurmSettings:
+    """What each of `jobs` jobs asks Slurm for; memory as in 64GB, walltime as in 12:00:00."""
+
+    queue: str | None
+    cores: PositiveInt
+    memory: Annotated[str, Field(pattern=r"^\d+ ?[kMGT]i?B$")]
+    walltime: str
+    jobs: PositiveInt
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ClusterSettings:
+    """Who renders; see `shaftpose.rendering.cluster`. No result depends on it.
+
+    workers: processes on this machine, unless an address of a scheduler or Slurm is given; hang_s:
+    a Blender that finishes no image for so many seconds is ended.
+    """
+
+    workers: PositiveInt
+    address: str | None
+    slurm: SlurmSettings | None
+    hang_s: Positive
+
+    def __post_init__(self) -> None:
+        if self.address is not None and self.slurm is not None:
+            raise ValueError("address and slurm are both set; make one of them null")
+
+
+@dataclass(frozen=True, config=_STRICT)
 class Size:
     """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys."""
 
@@ -265,7 +294,6 @@ class RunSettings:
     """What is no part of a stage's own settings."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31)]
-    workers: PositiveInt
     champion_margin: Annotated[float, Field(ge=0)]
 
 
@@ -289,6 +317,8 @@ def _first_complaint(error: ValidationError, where: str) -> str:
     if first["type"] == "missing":
         return f"{where}.{key} is missing; add it"
     message = first["msg"].removeprefix("Value error, ")
+    if not key:  # of several keys together
+        return f"{where}: {message}"
     return f"{where}.{key} = {first['input']!r}: {message}"
 
 

@@ -96,10 +96,11 @@ class ShardWriter:
         return self
 
     def __exit__(self, kind: object, value: object, trace: object) -> None:
-        self._tar.close()
-        if kind is None:
-            self._temporary.replace(self._path)
-        else:
+        try:
+            self._tar.close()  # writes: on a full disk this fails, too
+            if kind is None:
+                self._temporary.replace(self._path)
+        finally:
             self._temporary.unlink(missing_ok=True)
 
     def write(self, sample: Sample) -> None:

@@ -140,7 +140,7 @@ def test_plumbing_is_reached_and_known_to_the_reader_of_dvc_yaml() -> None:
 def test_files_are_followed_however_they_are_named() -> None:
     render, report, train = (reached(f"pipelines/{s}.py") for s in ("render", "report", "train"))
     assert "src/shaftpose/rendering/worker.py" in directly_named(
-        "src/shaftpose/rendering/scale_out.py"
+        "src/shaftpose/rendering/shard_task.py"
     )
     assert "src/shaftpose/rendering/generator.py" in render  # imported inside a function
     assert "src/shaftpose/evaluation/report.html.j2" in report

@@ -32,7 +32,7 @@ READ_IN_PART: dict[str, type] = {
 # Where a stage reads and writes, which its command and its lists say, and how fast it runs.
 NOT_LISTED = frozenset(
     {"out", "results", "model_folder", "variant_file", "profile", "tracking"}
-    | {"render.workers", "training.loader_workers", "training.checkpoint_minutes"}
+    | {"cluster", "training.loader_workers", "training.checkpoint_minutes"}
 )
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log

@@ -57,7 +57,7 @@ def test_a_set_of_two_images_or_more_is_two_shards_or_more(images: int, expected
 
 def test_shards_do_not_depend_on_the_number_of_workers() -> None:
     one, many = (
-        rendered_sets(composed("profile=smoke", f"render.workers={workers}"), LIBRARY)
+        rendered_sets(composed("profile=smoke", f"cluster.workers={workers}"), LIBRARY)
         for workers in (1, 32)
     )
     assert one == many

@@ -1,5 +1,6 @@
-"""Whole sets rendered by worker processes: the same bytes whatever happens on the way."""
+"""Whole sets rendered by Dask workers: the same bytes whatever happens on the way."""
 
+import json
 import logging
 import os
 import shutil
@@ -8,47 +9,99 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from blender_process import start_python
+from distributed import Client
 
-from shaftpose.config import RenderSettings
+from shaftpose.config import ClusterSettings, RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.rendering import jobs, scale_out
-from shaftpose.rendering.jobs import RenderedSet, Shard, link_shards
-from shaftpose.rendering.scale_out import render_set
+from shaftpose.rendering import cluster, scale_out
+from shaftpose.rendering.cluster import connect
+from shaftpose.rendering.jobs import RenderedSet, Shard
+from shaftpose.rendering.scale_out import ATTEMPTS, render_set
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.shards import ShardedDataset, sample_key
 
-IMAGES, PER_SHARD, SHARDS = 6, 2, 3
+IMAGES, PER_SHARD, SHARDS = 8, 4, 2
+PATIENCE_S = 600.0  # a busy machine may need long
 
 RENDER_SET = """
+import signal
+import sys
+from shaftpose.config import ClusterSettings
+from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.scale_out import render_set
-sources = {Path(path): source for path, source in backgrounds}
-rendered = RenderedSet(settings, sources, seed, images, per_shard)
-render_set(rendered, Path("scratch"), Path("out"), workers=1)
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` takes it away
+    sources = {Path(path): source for path, source in backgrounds}
+    rendered = RenderedSet(settings, sources, seed, images, per_shard)
+    cluster = ClusterSettings(workers=1, address=address, slurm=None, hang_s=600.0)
+    try:
+        with connect(cluster) as client:
+            render_set(rendered, Path("scratch"), Path("out"), client, cluster.hang_s)
+    except KeyboardInterrupt:
+        sys.exit("interrupted")
 """
+
+
+@contextmanager
+def workers(count: int, address: str | None = None) -> Iterator[Client]:
+    settings = ClusterSettings(workers=count, address=address, slurm=None, hang_s=1.0)
+    with connect(settings) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """Two workers."""
+    with workers(2) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def lone_client() -> Iterator[Client]:
+    """One worker, which renders the shards in their order."""
+    with workers(1) as client:
+        yield client
 
 
 @pytest.fixture(scope="module")
 def rendered(settings: RenderSettings, backgrounds: Mapping[Path, str]) -> RenderedSet:
-    return RenderedSet(replace(settings, samples=1), backgrounds, 17, IMAGES, PER_SHARD)
+    return RenderedSet(replace(settings, samples=2), backgrounds, 17, IMAGES, PER_SHARD)
+
+
+def render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float = PATIENCE_S) -> None:
+    """Render a set into `folder/out` by way of `folder/scratch`."""
+    render_set(rendered, folder / "scratch", folder / "out", client, hang_s)
 
 
 @pytest.fixture(scope="module")
 def undisturbed(
-    rendered: RenderedSet, tmp_path_factory: pytest.TempPathFactory
+    rendered: RenderedSet, client: Client, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Path]:
-    """Scratch and output folder of a run with two workers."""
+    """Scratch and output folder of a run to which nothing happens."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    render_set(rendered, folder / "scratch", folder / "out", workers=2)
+    render(rendered, folder, client)
     return folder / "scratch", folder / "out"
+
+
+@pytest.fixture(scope="module")
+def hang_s(rendered: RenderedSet, undisturbed: tuple[Path, Path]) -> float:
+    """Longer than Blender takes on this machine to start and render an image."""
+    begin, end = (
+        (undisturbed[0] / rendered.fingerprint() / name).stat().st_mtime
+        for name in ("set.json", f"shard-{SHARDS - 1:06d}.tar")
+    )
+    return max(10.0, 3 * (end - begin))
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -59,6 +112,53 @@ def identity(path: Path) -> tuple[int, int]:
     """What changes if a file is written again."""
     status = path.stat()
     return status.st_ino, status.st_mtime_ns
+
+
+def wait_until(condition: Callable[[], Any]) -> Any:
+    """Wait for a condition and return what it is."""
+    end = time.monotonic() + PATIENCE_S
+    while not (value := condition()):
+        assert time.monotonic() < end, "it never came about"
+        time.sleep(0.005)
+    return value
+
+
+def blenders(folder: Path, shard: str = "") -> list[psutil.Process]:
+    """The processes that render a shard below `folder`."""
+    prefix = str(folder / "scratch")
+    return [
+        process
+        for process in psutil.process_iter(["cmdline"])
+        if any(a.startswith(prefix) and shard in a for a in process.info["cmdline"] or ())
+    ]
+
+
+def stopped_in_the_middle(folder: Path) -> psutil.Process:
+    """The first process that has part of a shard written below `folder`, halted there."""
+
+    def stopped() -> psutil.Process | None:
+        for part in folder.rglob("*.part"):
+            process = psutil.Process(int(part.name.split(".")[-2]))
+            process.suspend()
+            if part.exists():
+                return process
+            process.resume()  # it has just finished its shard
+        return None
+
+    process = wait_until(stopped)
+    assert isinstance(process, psutil.Process)
+    return process
+
+
+def has_ended(process: psutil.Process) -> bool:
+    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+
+
+@pytest.fixture
+def background() -> Iterator[Callable[..., Future[None]]]:
+    """Starts a run in a thread, for a test to disturb it."""
+    with ThreadPoolExecutor() as pool:
+        yield lambda *arguments: pool.submit(render, *arguments)
 
 
 def test_a_set_holds_all_its_images(rendered: RenderedSet, undisturbed: tuple[Path, Path]) -> None:
@@ -82,67 +182,108 @@ def test_finished_shards_are_linked_not_copied(
         assert shard.path.samefile(out / shard.path.name)
 
 
-def test_the_images_do_not_depend_on_the_number_of_workers(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path
+def test_the_images_depend_neither_on_the_workers_nor_on_who_started_them(
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], lone_client: Client, tmp_path: Path
 ) -> None:
-    render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
+    assert lone_client.cluster is not None
+    with workers(99, address=lone_client.cluster.scheduler_address) as client:
+        assert len(client.nthreads()) == 1
+        render(rendered, tmp_path, client)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
 def test_a_finished_set_is_not_rendered_again(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], client: Client, tmp_path: Path
 ) -> None:
     scratch, out = undisturbed
-    before = {path: identity(path) for path in sorted(scratch.rglob("*"))}
-    render_set(rendered, scratch, tmp_path / "out", workers=2)
-    assert {path: identity(path) for path in sorted(scratch.rglob("*"))} == before
+    before = {path: identity(path) for path in sorted(scratch.rglob("*.tar"))}
+    assert len(before) == SHARDS
+    render_set(rendered, scratch, tmp_path / "out", client, PATIENCE_S)
+    assert {path: identity(path) for path in sorted(scratch.rglob("*.tar"))} == before
     assert contents(tmp_path / "out") == contents(out)
 
 
-def test_an_interrupted_run_continues_to_the_same_bytes(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path
-) -> None:
-    process = start_python(
-        RENDER_SET,
-        tmp_path,
-        rendered.settings,
-        backgrounds=[(str(path), source) for path, source in rendered.backgrounds.items()],
-        seed=rendered.seed,
-        images=IMAGES,
-        per_shard=PER_SHARD,
-    )
-    shards = rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
-    kill_once_exists(process, shards[0].path)
-    assert [shard.path.exists() for shard in shards] == [True, False, False]
-    assert not (tmp_path / "out").exists()
-    before = identity(shards[0].path)
+# Blender dies, hangs or leaks.
 
-    render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=2)
-    assert identity(shards[0].path) == before
+
+def test_a_killed_blender_is_started_again(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    run = background(rendered, tmp_path, client)
+    stopped_in_the_middle(tmp_path).kill()
+    run.result(PATIENCE_S)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+    assert not list(tmp_path.rglob("*.part"))
+    (warning,) = [r.getMessage() for r in caplog.records if r.name == scale_out.__name__
+                  and r.levelno == logging.WARNING]  # fmt: skip
+    assert "SIGKILL" in warning
+
+
+def test_a_hung_blender_is_killed_and_its_shard_rendered_by_another(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    client: Client,
+    background: Callable[..., Future[None]],
+    hang_s: float,
+    tmp_path: Path,
+) -> None:
+    run = background(rendered, tmp_path, client, hang_s)
+    hung = stopped_in_the_middle(tmp_path)
+    run.result(PATIENCE_S)
+    assert has_ended(hung)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
-def kill_once_exists(process: subprocess.Popen[str], path: Path) -> None:
-    """Kill a process with all its workers as soon as `path` exists."""
-    end = time.monotonic() + 90
-    while not path.exists() and process.poll() is None and time.monotonic() < end:
-        time.sleep(0.02)
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    output, _ = process.communicate(timeout=30)
-    assert process.returncode == -signal.SIGKILL, output
-    assert path.exists(), output
+def test_a_blender_that_always_dies_ends_the_run(
+    rendered: RenderedSet,
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    run = background(replace(rendered, images=PER_SHARD), tmp_path, client)
+    killed = set[psutil.Process]()
+    while not run.done():
+        new = set(blenders(tmp_path)) - killed
+        for process in new:
+            process.kill()
+        killed |= new
+        time.sleep(0.01)
+    with pytest.raises(InputError, match=r"shard-000000\.tar: .* SIGKILL") as caught:
+        run.result()
+    assert "shard-000000.log" in str(caught.value)
+    assert len(killed) == ATTEMPTS
 
 
-@pytest.fixture
-def finished(rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path) -> list[Shard]:
-    """The shards of `undisturbed` once more, in `tmp_path/scratch`."""
-    shutil.copytree(undisturbed[0], tmp_path / "scratch")
-    return rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
+# A Dask worker dies.
+
+
+def test_a_killed_dask_worker_is_replaced_and_takes_its_blender_along(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    run = background(rendered, tmp_path, client)
+    orphan = stopped_in_the_middle(tmp_path)
+    orphan.parent().kill()
+    orphan.resume()
+    wait_until(lambda: has_ended(orphan))
+    run.result(PATIENCE_S)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
 def test_what_a_dead_worker_left_is_removed(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], finished: list[Shard], tmp_path: Path
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    finished: list[Shard],
+    client: Client,
+    tmp_path: Path,
 ) -> None:
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
@@ -150,9 +291,146 @@ def test_what_a_dead_worker_left_is_removed(
     path.unlink()
     remains = path.with_name(f"{path.name}.{socket.gethostname()}.{dead.pid}.part")
     remains.write_bytes(b"half a shard" * 100_000)
-    render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
+    render(rendered, tmp_path, client)
     assert not list(path.parent.glob("*.part"))
     assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+# A Dask scheduler dies.
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """A scheduler from the command line with one worker, and its address."""
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    here = ["--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0", "--scheduler-file", file]
+    with (
+        subprocess.Popen([*dask, "scheduler", "--port", "0", *here]) as scheduler,
+        subprocess.Popen([*dask, "worker", "--nthreads", "1", *here]) as worker,
+    ):
+        wait_until(file.exists)
+        yield scheduler, json.loads(wait_until(file.read_text))["address"]
+        worker.terminate()
+        scheduler.terminate()
+
+
+def test_a_lost_scheduler_ends_the_run(
+    rendered: RenderedSet,
+    scheduler: tuple[subprocess.Popen[bytes], str],
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cluster, "_ANSWER_S", 5.0)
+    process, address = scheduler
+    with workers(1, address) as client:
+        run = background(rendered, tmp_path, client)
+        blender = stopped_in_the_middle(tmp_path)
+        process.kill()
+        with pytest.raises(InputError, match="connection to the Dask scheduler is lost"):
+            run.result(PATIENCE_S)
+        blender.kill()
+    assert not (tmp_path / "out").exists()
+
+
+# The run itself is interrupted or killed, or started twice.
+
+
+def start_run(rendered: RenderedSet, folder: Path, address: str | None) -> subprocess.Popen[str]:
+    return start_python(
+        RENDER_SET,
+        folder,
+        rendered.settings,
+        backgrounds=[(str(path), source) for path, source in rendered.backgrounds.items()],
+        seed=rendered.seed,
+        images=IMAGES,
+        per_shard=PER_SHARD,
+        address=address,
+    )
+
+
+def family(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """A process and all that it has started, directly or not."""
+    main = psutil.Process(process.pid)
+    return [main, *main.children(recursive=True)]
+
+
+def test_ctrl_c_ends_all_processes_and_keeps_finished_shards(
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], client: Client, tmp_path: Path
+) -> None:
+    process = start_run(rendered, tmp_path, address=None)
+    shards = rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
+    wait_until(lambda: shards[0].path.exists() and blenders(tmp_path))
+    before, all_processes = identity(shards[0].path), family(process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    output, _ = process.communicate(timeout=PATIENCE_S)
+    assert output.strip().endswith("interrupted")
+    assert "Traceback" not in output
+    wait_until(lambda: all(map(has_ended, all_processes)))
+    assert not (tmp_path / "out").exists()
+
+    render(rendered, tmp_path, client)
+    assert identity(shards[0].path) == before
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_a_killed_run_leaves_no_process_and_continues_to_the_same_bytes(
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], client: Client, tmp_path: Path
+) -> None:
+    process = start_run(rendered, tmp_path, address=None)
+    shards = rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
+    wait_until(lambda: shards[0].path.exists() and blenders(tmp_path))
+    before, all_processes = identity(shards[0].path), family(process)
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: all(map(has_ended, all_processes)))
+    assert not shards[-1].path.exists()
+    assert not (tmp_path / "out").exists()
+
+    render(rendered, tmp_path, client)
+    assert identity(shards[0].path) == before
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_workers_of_others_drop_the_shards_of_a_run_that_was_killed(
+    rendered: RenderedSet, lone_client: Client, tmp_path: Path
+) -> None:
+    assert lone_client.cluster is not None
+    process = start_run(rendered, tmp_path, lone_client.cluster.scheduler_address)
+    blender = stopped_in_the_middle(tmp_path)
+    process.kill()
+    process.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: has_ended(blender))
+    assert not list(tmp_path.rglob("*.tar"))
+
+
+def test_a_second_run_of_the_same_set_is_refused_and_does_not_disturb_the_first(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    run = background(rendered, tmp_path, client)
+    stopped = stopped_in_the_middle(tmp_path)
+    with pytest.raises(InputError, match="another run is rendering this set"):
+        render(rendered, tmp_path, client)
+    stopped.resume()
+    run.result(PATIENCE_S)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+    render(rendered, tmp_path, client)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+# Files are damaged, or there is no room for them.
+
+
+@pytest.fixture
+def finished(rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path) -> list[Shard]:
+    """The shards of `undisturbed` once more, in `tmp_path/scratch`."""
+    shutil.copytree(undisturbed[0], tmp_path / "scratch")
+    return rendered.shards(tmp_path / "scratch" / rendered.fingerprint())
 
 
 def cut_short(path: Path) -> None:
@@ -164,75 +442,110 @@ def test_a_truncated_shard_in_scratch_is_rendered_again(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],
     finished: list[Shard],
+    client: Client,
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     cut_short(finished[1].path)
-    others = [identity(shard.path) for shard in (finished[0], finished[2])]
+    before = identity(finished[0].path)
     with caplog.at_level(logging.WARNING, logger=scale_out.__name__):
-        render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
-    assert [record.getMessage() for record in caplog.records] == [
-        f"{finished[1].path} is truncated or damaged: rendering it again"
-    ]
+        render(rendered, tmp_path, client)
+    assert f"{finished[1].path} is truncated or damaged: rendering it again" in caplog.messages
     assert contents(tmp_path / "out") == contents(undisturbed[1])
-    assert [identity(shard.path) for shard in (finished[0], finished[2])] == others
+    assert identity(finished[0].path) == before
 
 
 def test_a_truncated_shard_in_out_is_mended_by_running_again(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], finished: list[Shard], tmp_path: Path
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    finished: list[Shard],
+    client: Client,
+    tmp_path: Path,
 ) -> None:
-    out, shard = tmp_path / "out", finished[0].path
-    render_set(rendered, tmp_path / "scratch", out, workers=1)
-    cut_short(out / shard.name)
-    assert shard.read_bytes() == (out / shard.name).read_bytes()  # one file, two names
+    out, path = tmp_path / "out", finished[0].path
+    render(rendered, tmp_path, client)
+    cut_short(out / path.name)
+    assert path.read_bytes() == (out / path.name).read_bytes()  # one file, two names
     with pytest.raises(InputError, match="dvc repro -f render"):
         ShardedDataset(out)
-    render_set(rendered, tmp_path / "scratch", out, workers=1)
+    render(rendered, tmp_path, client)
     assert contents(out) == contents(undisturbed[1])
-    assert shard.read_bytes() == (undisturbed[1] / shard.name).read_bytes()
-    assert shard.samefile(out / shard.name)
+    assert path.samefile(out / path.name)
 
 
-def test_two_runs_in_one_scratch_folder_do_not_disturb_each_other(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], tmp_path: Path
+@pytest.fixture
+def small_disk(undisturbed: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
+    """`tmp_path/scratch` as a disk with room for one shard and a half."""
+    disk = tmp_path / "scratch"
+    disk.mkdir()
+    size = max(map(len, contents(undisturbed[1]).values())) * 3 // 2
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
+    done = subprocess.run(mount, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"a small disk cannot be mounted here: {done.stderr.strip()}")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_full_disk_ends_the_run_and_room_lets_it_continue(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    small_disk: Path,
+    lone_client: Client,
+    tmp_path: Path,
 ) -> None:
-    one_shard = replace(rendered, images=PER_SHARD)
-    outs = [tmp_path / "out", tmp_path / "other"]
-    with ThreadPoolExecutor() as pool:
-        runs = [pool.submit(render_set, one_shard, tmp_path / "scratch", o, 1) for o in outs]
-    for run, out in zip(runs, outs, strict=True):
-        run.result()
-        first = rendered.shards(out)[0].path
-        assert contents(out) == {first.name: (undisturbed[1] / first.name).read_bytes()}
-    left = {path.suffix for path in (tmp_path / "scratch" / one_shard.fingerprint()).iterdir()}
-    assert left == {".tar", ".log"}
+    with pytest.raises(InputError, match="No space left on device; make room") as caught:
+        render(rendered, tmp_path, lone_client)
+    assert str(caught.value).startswith(str(small_disk))
+    first, second = rendered.shards(small_disk / rendered.fingerprint())
+    before = identity(first.path)
+    assert not second.path.exists()
+    assert not list(small_disk.rglob("*.part"))
+    assert not (tmp_path / "out").exists()
+
+    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
+    render(rendered, tmp_path, lone_client)
+    assert identity(first.path) == before
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
-def test_another_run_may_have_linked_a_shard_just_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    link, path = os.link, tmp_path / "shard-000000.tar"
-    path.write_bytes(b"a shard")
-
-    def link_twice(source: Path, target: Path) -> None:
-        link(source, target)
-        link(source, target)
-
-    monkeypatch.setattr(os, "link", link_twice)
-    link_shards([Shard(path, 0, 1)], tmp_path / "out")
-    assert path.samefile(tmp_path / "out" / path.name)
+# A shard cannot be rendered.
 
 
-def test_a_failing_worker_names_the_file_and_keeps_finished_shards(
-    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str], tmp_path: Path
-) -> None:
-    good, bad = next(iter(backgrounds)), tmp_path / "broken.jpg"
+def a_good_and_a_bad(backgrounds: Mapping[Path, str], folder: Path) -> tuple[Path, Path]:
+    """A background and a file that is none."""
+    bad = folder / "broken.jpg"
     bad.write_bytes(b"this is no picture")
-    files = {good: "good", bad: "bad"}
-    settings = replace(with_scene(instruments=(1, 1)), samples=1)
-    rendered = RenderedSet(settings, files, good_then_bad(settings, good, bad), 2, 1)
+    return next(iter(backgrounds)), bad
+
+
+def seed_showing(settings: RenderSettings, first: Path, second: Path) -> int:
+    """A seed whose image 0 shows the one background and image 1 the other."""
+    paths = sorted((first, second))
+
+    def shown(seed: int) -> list[Path]:
+        sampler = SceneSampler(settings, paths, seed)
+        return [next(sampler.candidates(index)).background for index in range(2)]
+
+    return next(seed for seed in range(100) if shown(seed) == [first, second])
+
+
+def one_image_per_shard(settings: RenderSettings, first: Path, second: Path) -> RenderedSet:
+    seed = seed_showing(settings, first, second)
+    sources = {path: path.name for path in sorted((first, second))}
+    return RenderedSet(replace(settings, samples=1), sources, seed, 2, 1)
+
+
+def test_a_failing_shard_names_the_file_and_keeps_finished_shards(
+    with_scene: Callable[..., RenderSettings],
+    backgrounds: Mapping[Path, str],
+    lone_client: Client,
+    tmp_path: Path,
+) -> None:
+    good, bad = a_good_and_a_bad(backgrounds, tmp_path)
+    rendered = one_image_per_shard(with_scene(instruments=(1, 1)), good, bad)
     with pytest.raises(InputError, match="not a readable image") as caught:
-        render_set(rendered, tmp_path / "scratch", tmp_path / "out", workers=1)
+        render(rendered, tmp_path, lone_client)
     assert str(bad) in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not str(caught.value).startswith("error")
@@ -243,110 +556,31 @@ def test_a_failing_worker_names_the_file_and_keeps_finished_shards(
     assert not (tmp_path / "out").exists()
 
 
-def good_then_bad(settings: RenderSettings, good: Path, bad: Path) -> int:
-    """A seed whose first image shows the one background and whose second the other."""
+def test_a_failing_shard_ends_all_others(
+    with_scene: Callable[..., RenderSettings],
+    backgrounds: Mapping[Path, str],
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    good, bad = a_good_and_a_bad(backgrounds, tmp_path)
+    rendered = one_image_per_shard(with_scene(instruments=(1, 1)), bad, good)
+    run = background(rendered, tmp_path, client)
+    (other,) = wait_until(lambda: blenders(tmp_path, "shard-000001"))
+    other.suspend()  # it would never end by itself
+    with pytest.raises(InputError, match="not a readable image"):
+        run.result(PATIENCE_S)
+    wait_until(lambda: has_ended(other))
+    assert not (tmp_path / "out").exists()
 
-    def shown(seed: int) -> list[Path]:
-        sampler = SceneSampler(settings, (good, bad), seed)
-        return [next(sampler.candidates(index)).background for index in range(2)]
 
-    return next(seed for seed in range(100) if shown(seed) == [good, bad])
-
-
-def test_a_worker_that_crashes_leaves_its_log(
-    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_shard_that_fails_without_a_word_leaves_its_log(
+    rendered: RenderedSet, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # No InputError: a background that vanishes while the set is rendered.
     monkeypatch.setattr(RenderedSet, "fingerprint", lambda self: "constant")
     gone = replace(rendered, backgrounds={tmp_path / "gone.jpg": "s"}, images=1)
     with pytest.raises(InputError, match=r"shard-000000\.tar failed; see .*\.log") as caught:
-        render_set(gone, tmp_path / "scratch", tmp_path / "out", workers=1)
+        render(gone, tmp_path, client)
     log = Path(str(caught.value).rpartition("see ")[2])
     assert "gone.jpg" in log.read_text()
-
-
-# Instead of a worker: the first waits for the second to be there, then fails; the second would go
-# on for ten minutes.
-FAIL_OR_GO_ON = """
-import sys, time
-from pathlib import Path
-log = Path(sys.argv[1])
-there = log.with_name("there")
-if log.name == "shard-000000.log":
-    while not there.exists():
-        time.sleep(0.02)
-    sys.exit(1)
-there.touch()
-time.sleep(600)
-"""
-
-
-def test_a_failure_stops_all_other_workers(
-    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[subprocess.Popen[str]] = []
-
-    class Recorded(subprocess.Popen[str]):
-        def __init__(self, *arguments: Any, **options: Any) -> None:
-            super().__init__(*arguments, **options)
-            started.append(self)
-
-    monkeypatch.setattr(subprocess, "Popen", Recorded)
-    monkeypatch.setattr(
-        scale_out, "_command", lambda job, log: [sys.executable, "-c", FAIL_OR_GO_ON, str(log)]
-    )
-    two_shards = replace(rendered, images=2 * PER_SHARD)
-    with pytest.raises(InputError, match=r"shard-000000\.tar failed"):
-        render_set(two_shards, tmp_path / "scratch", tmp_path / "out", workers=2)
-    assert sorted(process.returncode for process in started) == [-signal.SIGTERM, 1]
-    assert not (tmp_path / "out").exists()
-
-
-def test_fingerprint_changes_with_whatever_changes_the_images(
-    rendered: RenderedSet, tmp_path: Path
-) -> None:
-    path, *others = rendered.backgrounds
-    same_name = tmp_path / path.name
-    same_name.write_bytes(path.read_bytes() + b"\0")
-    altered = {same_name: rendered.backgrounds[path]} | {
-        other: rendered.backgrounds[other] for other in others
-    }
-    lens = replace(rendered.settings.lens, noise=(0.0, 0.1))
-    changed = [
-        rendered,
-        replace(rendered, seed=18),
-        replace(rendered, images=IMAGES + 1),
-        replace(rendered, images_per_shard=PER_SHARD + 1),
-        replace(rendered, settings=replace(rendered.settings, samples=3)),
-        replace(rendered, settings=replace(rendered.settings, lens=lens)),
-        replace(rendered, backgrounds=altered),
-        replace(rendered, backgrounds=dict(reversed(rendered.backgrounds.items()))),
-    ]
-    assert len({each.fingerprint() for each in changed}) == len(changed)
-
-
-def test_fingerprint_does_not_depend_on_where_the_backgrounds_lie(
-    rendered: RenderedSet, tmp_path: Path
-) -> None:
-    moved = {}
-    for path, source in rendered.backgrounds.items():
-        moved[tmp_path / path.name] = source
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    assert replace(rendered, backgrounds=moved).fingerprint() == rendered.fingerprint()
-
-
-def test_fingerprint_covers_all_code_that_makes_the_bytes() -> None:
-    root = Path(jobs.__file__).parents[1]
-    covered = {path for pattern in jobs._SOURCES for path in root.glob(pattern)}
-    # images.py decodes the background and encodes the JPEG.
-    needed = {root / name for name in ("geometry.py", "shards.py", "images.py")}
-    assert needed | set((root / "rendering").glob("*.py")) <= covered
-
-
-def test_shards_cover_all_images_once(rendered: RenderedSet, tmp_path: Path) -> None:
-    shards = replace(rendered, images=7, images_per_shard=3).shards(tmp_path)
-    assert [(s.path.name, s.first, s.count) for s in shards] == [
-        ("shard-000000.tar", 0, 3),
-        ("shard-000001.tar", 3, 3),
-        ("shard-000002.tar", 6, 1),
-    ]

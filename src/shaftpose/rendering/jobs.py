@@ -4,20 +4,25 @@ Finished shards live in a scratch folder whose name is the fingerprint of everyt
 the images. An interrupted render, run again, therefore continues; a changed setting starts anew.
 """
 
+import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
 import shaftpose
-from shaftpose.config import RenderSettings, to_json
-from shaftpose.shards import shard_name
+from shaftpose.config import RenderSettings, from_json, to_json
+from shaftpose.errors import InputError
+from shaftpose.shards import is_whole, shard_name
 
 # Code that determines the bytes of a shard, relative to the package.
 _SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "images.py")
+_SET = "set.json"
 
 
 @dataclass(frozen=True)
@@ -35,17 +40,12 @@ class RenderedSet:
 
     def fingerprint(self) -> str:
         """Hexadecimal digest of all that determines the images: settings, seed, the bytes of the
-        backgrounds, the code, and the versions of Blender, OpenCV and numpy."""
+        backgrounds, and `software`."""
         digest = hashlib.sha256(to_json(self.settings).encode())
         digest.update(f"{self.seed} {self.images} {self.images_per_shard}".encode())
-        for package in ("bpy", "opencv-python-headless", "numpy"):
-            digest.update(f"{package} {version(package)}".encode())
+        digest.update(software().encode())
         for path, source in self.backgrounds.items():
             digest.update(f"{path.name} {source}".encode() + path.read_bytes())
-        root = Path(shaftpose.__file__).parent
-        for pattern in _SOURCES:
-            for path in sorted(root.glob(pattern)):
-                digest.update(path.read_bytes())
         return digest.hexdigest()[:16]
 
     def shards(self, folder: Path) -> list["Shard"]:
@@ -61,6 +61,20 @@ class RenderedSet:
         ]
 
 
+@cache
+def software() -> str:
+    """Hexadecimal digest of what determines the images besides their set: the code, and the
+    versions of Blender, OpenCV and numpy."""
+    digest = hashlib.sha256()
+    for package in ("bpy", "opencv-python-headless", "numpy"):
+        digest.update(f"{package} {version(package)}".encode())
+    root = Path(shaftpose.__file__).parent
+    for pattern in _SOURCES:
+        for path in sorted(root.glob(pattern)):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 @dataclass(frozen=True)
 class Shard:
     """`count` consecutive images from `first`, to be written to `path`."""
@@ -68,6 +82,26 @@ class Shard:
     path: Path
     first: int
     count: int
+
+    @property
+    def log(self) -> Path:
+        """Where Blender's chatter goes."""
+        return self.path.with_suffix(".log")
+
+    def is_finished(self) -> bool:
+        """Whether the shard is there and whole."""
+        return self.path.exists() and is_whole(self.path)
+
+
+def write_set(rendered: RenderedSet, folder: Path) -> None:
+    """Put the description of a set beside its shards; `read_set` reads it on any machine."""
+    backgrounds = {path.resolve(): source for path, source in rendered.backgrounds.items()}
+    (folder / _SET).write_text(to_json(replace(rendered, backgrounds=backgrounds)))
+
+
+def read_set(folder: Path) -> RenderedSet:
+    """The set whose shards lie in `folder`."""
+    return from_json(RenderedSet, folder / _SET)
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:
@@ -82,3 +116,17 @@ def link_shards(shards: Sequence[Shard], out: Path) -> None:
             continue
         except OSError:
             shutil.copyfile(shard.path, target)
+
+
+@contextmanager
+def naming_full_disk(folder: Path) -> Iterator[None]:
+    """Turn the error of a full disk or an exhausted quota into an InputError naming `folder`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(
+            f"{folder}: {error.strerror}; make room there and run it again: finished shards are "
+            "kept"
+        ) from error

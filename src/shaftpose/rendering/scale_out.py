@@ -1,111 +1,131 @@
-"""Renders a set with several worker processes, shard by shard, and survives interruption."""
+"""Renders a set shard by shard on Dask workers, and survives interruption."""
 
 import logging
-import subprocess
-import sys
-import tempfile
-import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
+from distributed import Client, Future, KilledWorker, as_completed
+from filelock import FileLock, Timeout
 from tqdm import tqdm
 
-from shaftpose.config import to_json
 from shaftpose.errors import InputError
-from shaftpose.rendering.jobs import RenderedSet, Shard, link_shards
-from shaftpose.rendering.worker import IMAGE_DONE, Job
-from shaftpose.shards import is_whole
+from shaftpose.rendering.jobs import (
+    RenderedSet,
+    Shard,
+    link_shards,
+    naming_full_disk,
+    software,
+    write_set,
+)
+from shaftpose.rendering.shard_task import Run, render_shard
+
+ATTEMPTS = 3  # at a shard whose Blender crashes or hangs
 
 logger = logging.getLogger(__name__)
 
 
-def render_set(rendered: RenderedSet, scratch: Path, out: Path, workers: int) -> None:
+def render_set(
+    rendered: RenderedSet, scratch: Path, out: Path, client: Client, hang_s: float
+) -> None:
     """Render what is not yet in `scratch`, then link all shards into `out`.
+
+    client: of workers that find `scratch` and the backgrounds under the same paths. hang_s: Blender
+    is killed, and its shard tried again, after so many seconds without a finished image.
 
     Run again after an interruption, it continues with the shards that are unfinished or have been
     cut short since; the result is byte-identical to an undisturbed run. Raises InputError if a
-    worker fails, naming its log.
+    shard fails, naming its log, if a disk is full, and if another run is at the same set.
     """
-    folder = scratch / rendered.fingerprint()
+    folder = scratch.resolve() / rendered.fingerprint()
+    with naming_full_disk(folder), _alone_in(folder):
+        shards = rendered.shards(folder)
+        missing = [shard for shard in shards if not _is_finished(shard)]
+        logger.info("%d of %d shards are to be rendered in %s", len(missing), len(shards), folder)
+        write_set(rendered, folder)
+        _render(missing, Run(software(), str(folder), hang_s), client)
+        with naming_full_disk(out):
+            link_shards(shards, out)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Make a folder and hold its lock, which the system releases however this process ends."""
     folder.mkdir(parents=True, exist_ok=True)
-    shards = rendered.shards(folder)
-    missing = [shard for shard in shards if not _is_finished(shard)]
-    logger.info("%d of %d shards are to be rendered in %s", len(missing), len(shards), folder)
-    _render(rendered, missing, workers)
-    link_shards(shards, out)
+    lock = FileLock(folder / "lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise InputError(
+            f"{folder}: another run is rendering this set; let it end first"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _is_finished(shard: Shard) -> bool:
     """Whether a shard can be used as it is. A shard in `out` is the same file under another name:
     whoever cuts that one short has cut this one."""
-    if not shard.path.exists():
-        return False
-    whole = is_whole(shard.path)
-    if not whole:
+    finished = shard.is_finished()
+    if shard.path.exists() and not finished:
         logger.warning("%s is truncated or damaged: rendering it again", shard.path)
-    return whole
+    return finished
 
 
-def _render(rendered: RenderedSet, shards: list[Shard], workers: int) -> None:
+def _render(shards: Sequence[Shard], run: Run, client: Client) -> None:
     total = sum(shard.count for shard in shards)
-    processes: list[subprocess.Popen[str]] = []
-    with (
-        tqdm(total=total, desc="rendering", unit="image", disable=not total) as bar,
-        ThreadPoolExecutor(max_workers=max(1, workers)) as pool,
-    ):
-        futures = [pool.submit(_run_worker, rendered, s, bar, processes) for s in shards]
+    with tqdm(total=total, desc="rendering", unit="image", disable=not total) as bar:
+        progress = _Progress(bar)
+        client.subscribe_topic(run.topic, progress.on_event)
+        futures = client.map(render_shard, shards, run=run, pure=False, retries=ATTEMPTS - 1)
         try:
-            for future in as_completed(futures):
-                future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            # A thread may be starting its next worker just now: repeat until none is left.
-            while not all(future.done() for future in futures):
-                for process in processes:
-                    process.terminate()
-                time.sleep(0.05)
-            raise
+            tasks = as_completed(futures, loop=client.loop)
+            _await(tasks, dict(zip(futures, shards, strict=True)), progress)
+        finally:
+            client.cancel(futures)  # their tasks end Blender
+            client.unsubscribe_topic(run.topic)
 
 
-def _run_worker(
-    rendered: RenderedSet, shard: Shard, bar: Any, processes: list[subprocess.Popen[str]]
-) -> None:
-    log = shard.path.with_suffix(".log")
-    # The job's file is this run's own: another run of the same set may have the same shards to do.
-    with tempfile.NamedTemporaryFile("w", suffix=".json") as job_file:
-        job_file.write(to_json(_job(rendered, shard)))
-        job_file.flush()
-        command = _command(Path(job_file.name), log)
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        processes.append(process)
-        complaint = _follow(process, bar)
-    if process.returncode != 0:
-        raise InputError(complaint or f"rendering {shard.path.name} failed; see {log}")
+def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Progress") -> None:
+    """Wait until all tasks are done; raises InputError at the first failure."""
+    for future in tasks:
+        shard = shards[future]
+        try:
+            complaint = future.result()
+        except KilledWorker as error:
+            raise InputError(
+                f"{shard.path.name}: each of the Dask workers that had it died; see {shard.log}"
+            ) from error
+        except CancelledError as error:
+            raise InputError(
+                "the connection to the Dask scheduler is lost; run it again to continue"
+            ) from error
+        if complaint:
+            raise InputError(complaint)
+        progress.show(shard.path.name, shard.count)
 
 
-def _follow(process: subprocess.Popen[str], bar: Any) -> str:
-    """Count a worker's finished images until it ends; returns its complaint, if it had one."""
-    complaint = ""
-    for line in process.stdout or ():
-        if line.strip() == IMAGE_DONE:
-            bar.update()
-        else:
-            complaint = line.strip().removeprefix("error: ")
-    process.wait()
-    return complaint
+class _Progress:
+    """Shows how many images are finished, of whole shards and of those that are being rendered."""
 
+    def __init__(self, bar: Any) -> None:
+        self._bar, self._lock = bar, Lock()  # events come from a thread of Dask's client
+        self._images: dict[str, int] = {}
 
-def _command(job_file: Path, log: Path) -> list[str]:
-    return [sys.executable, "-m", "shaftpose.rendering.worker", str(job_file), str(log)]
+    def on_event(self, event: tuple[float, dict[str, Any]]) -> None:
+        """Take what a task reports."""
+        _, report = event
+        if "trouble" in report:
+            logger.warning("%s", report["trouble"])
+        self.show(report["shard"], report.get("images", 0))
 
-
-def _job(rendered: RenderedSet, shard: Shard) -> Job:
-    return Job(
-        settings=rendered.settings,
-        backgrounds=dict(rendered.backgrounds),
-        seed=rendered.seed,
-        first=shard.first,
-        count=shard.count,
-        path=shard.path,
-    )
+    def show(self, shard: str, images: int) -> None:
+        """Set the number of finished images of a shard; a second attempt starts anew."""
+        with self._lock:
+            self._bar.update(images - self._images.get(shard, 0))
+            self._images[shard] = images

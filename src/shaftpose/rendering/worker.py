@@ -1,65 +1,64 @@
-"""Renders one shard in a process of its own: `python -m shaftpose.rendering.worker JOB.json LOG`.
+"""Renders one shard in a process of its own: `python -m shaftpose.rendering.worker SHARD 0 200`.
 
-A process has one Blender scene, so a shard is a process. It reports each finished image by a line
-on its standard output; Blender's own chatter goes to the end of the log file.
+The numbers are those of its first image and of all; SHARD is its file, and the description of its
+set lies beside it. A process has one Blender scene, so a shard is a process. It reports each
+finished image by a line on its standard output; Blender's own chatter goes to the end of the
+shard's log. It ends when its standard input does: who started it leaves nobody behind, even killed.
 """
 
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import TextIO
 
-from pydantic.dataclasses import dataclass
-
-from shaftpose.config import RenderSettings, from_json
 from shaftpose.errors import InputError
+from shaftpose.rendering.jobs import RenderedSet, Shard, naming_full_disk, read_set
 from shaftpose.shards import ShardWriter
 
 IMAGE_DONE = "image"
-
-
-@dataclass(frozen=True)
-class Job:
-    """One shard: images `first` .. `first + count - 1` of a set, to be written to `path`."""
-
-    settings: RenderSettings
-    backgrounds: dict[Path, str]
-    seed: int
-    first: int
-    count: int
-    path: Path
+COMPLAINT = "error: "
 
 
 def main() -> None:
-    """Render the job whose file is the first argument; the second is the log file."""
-    job_file, log = Path(sys.argv[1]), Path(sys.argv[2])
-    progress = _divert_output(log)
+    """Render the shard that the arguments describe."""
+    path, first, count = sys.argv[1:]
+    shard = Shard(Path(path), int(first), int(count))
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    progress = os.fdopen(os.dup(1), "w")
     try:
-        render_shard(from_json(Job, job_file), progress)
+        with naming_full_disk(shard.path.parent):
+            _send_output_to(shard.log)
+            render_shard(read_set(shard.path.parent), shard, progress)
     except InputError as error:
-        print(f"error: {error}", file=progress, flush=True)
+        print(f"{COMPLAINT}{error}", file=progress, flush=True)
         sys.exit(1)
 
 
-def render_shard(job: Job, progress: TextIO) -> None:
-    """Write all images of a job; a line to `progress` after each."""
-    # Blender is imported only here: whoever describes jobs need not load it.
+def render_shard(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
+    """Write all images of a shard; a line to `progress` after each."""
+    # Blender is imported only here: whoever starts workers need not load it.
     from shaftpose.rendering.generator import Generator
 
-    generator = Generator(job.settings, job.backgrounds, job.seed)
-    with ShardWriter(job.path, job.settings.jpeg_quality) as shard:
-        for index in range(job.first, job.first + job.count):
-            shard.write(generator.sample(index))
+    generator = Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+    with ShardWriter(shard.path, rendered.settings.jpeg_quality) as writer:
+        for index in range(shard.first, shard.first + shard.count):
+            writer.write(generator.sample(index))
             print(IMAGE_DONE, file=progress, flush=True)
 
 
-def _divert_output(log: Path) -> TextIO:
-    """Append this process's output to `log`; returns a stream to what was standard output."""
-    original = os.fdopen(os.dup(1), "w")
+def _end_with_input() -> None:
+    # Not sys.stdin: Python's exit would wait for a lock that a blocked read of it holds.
+    while os.read(0, 1):
+        pass
+    os._exit(1)
+
+
+def _send_output_to(log: Path) -> None:
+    """Append this process's standard output and errors to `log`."""
     descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
-    return original
 
 
 if __name__ == "__main__":

@@ -1,0 +1,91 @@
+"""The workers that settings name."""
+
+import gc
+import os
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+
+from shaftpose.config import ClusterSettings, SlurmSettings
+from shaftpose.errors import InputError
+from shaftpose.rendering import cluster
+from shaftpose.rendering.cluster import connect, slurm_cluster
+
+SLURM = SlurmSettings(queue="long", cores=32, memory="64GB", walltime="12:00:00", jobs=4)
+
+
+def settings(workers: int = 1, address: str | None = None, slurm: SlurmSettings | None = None):  # type: ignore[no-untyped-def]
+    return ClusterSettings(workers=workers, address=address, slurm=slurm, hang_s=1.0)
+
+
+def test_workers_of_this_machine_have_one_thread_each_and_listen_to_it_alone() -> None:
+    before = set(psutil.Process().children(recursive=True))
+    with connect(settings(workers=2)) as client:
+        assert list(client.nthreads().values()) == [1, 1]
+        own = {psutil.Process(), *psutil.Process().children(recursive=True)}
+        listening = {
+            connection.laddr.ip
+            for process in own
+            for connection in process.net_connections()
+            if connection.status == psutil.CONN_LISTEN
+        }
+        assert listening == {"127.0.0.1"}
+        assert os.getpid() not in client.run(os.getpid).values()
+    assert set(psutil.Process().children(recursive=True)) <= before | resource_trackers()
+
+
+def resource_trackers() -> set[psutil.Process]:
+    """Python's own, which lives as long as this process."""
+    children = psutil.Process().children()
+    return {child for child in children if "resource_tracker" in " ".join(child.cmdline())}
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_ANSWER_S", 0.2)
+    with (
+        pytest.raises(InputError, match=r"cluster\.address = tcp://127\.0\.0\.1:9: no Dask"),
+        connect(settings(address="tcp://127.0.0.1:9")),
+    ):
+        pass
+
+
+def test_an_address_that_is_none_is_named() -> None:
+    with (
+        pytest.raises(InputError, match="carrier-pigeon://nowhere: no Dask"),
+        connect(settings(address="carrier-pigeon://nowhere")),
+    ):
+        pass
+
+
+def test_a_machine_without_slurm_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match="there is no sbatch here"), connect(settings(slurm=SLURM)):
+        pass
+
+
+def test_slurm_jobs_have_a_worker_per_core_and_talk_tls(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)  # where the jobs' logs go
+    on_interrupt = signal.getsignal(signal.SIGINT)
+    with slurm_cluster(SLURM) as started:
+        assert signal.getsignal(signal.SIGINT) is on_interrupt
+        script = started.job_script()
+        keys = list(tmp_path.glob(".*"))
+        assert {path.stat().st_mode & 0o777 for path in keys} == {0o600}
+    header = {line for line in script.splitlines() if line.startswith("#SBATCH")}
+    assert {"#SBATCH -p long", "#SBATCH --cpus-per-task=32", "#SBATCH -t 12:00:00"} < header
+    assert "tls://" in script
+    assert "--nworkers 32" in script
+    assert "--nthreads 1" in script
+    assert "--dashboard-address 127.0.0.1:0" in script
+    assert keys
+    assert all(str(path) in script for path in keys)
+    del started
+    gc.collect()
+    assert not list(tmp_path.glob(".*"))

@@ -1,0 +1,117 @@
+"""What a rendered set consists of, and what its name in scratch depends on."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from shaftpose.config import RenderSettings
+from shaftpose.errors import InputError
+from shaftpose.rendering import jobs
+from shaftpose.rendering.jobs import (
+    RenderedSet,
+    Shard,
+    link_shards,
+    naming_full_disk,
+    read_set,
+    write_set,
+)
+
+
+@pytest.fixture(scope="module")
+def rendered(settings: RenderSettings, backgrounds: Mapping[Path, str]) -> RenderedSet:
+    return RenderedSet(settings, backgrounds, seed=17, images=6, images_per_shard=2)
+
+
+def test_shards_cover_all_images_once(rendered: RenderedSet, tmp_path: Path) -> None:
+    shards = replace(rendered, images=7, images_per_shard=3).shards(tmp_path)
+    assert [(s.path.name, s.first, s.count) for s in shards] == [
+        ("shard-000000.tar", 0, 3),
+        ("shard-000001.tar", 3, 3),
+        ("shard-000002.tar", 6, 1),
+    ]
+
+
+def test_a_set_is_read_as_it_was_written_wherever_the_reader_stands(
+    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(next(iter(rendered.backgrounds)).parent)
+    names = {Path(path.name): source for path, source in rendered.backgrounds.items()}
+    write_set(replace(rendered, backgrounds=names), tmp_path)
+    monkeypatch.chdir(tmp_path)
+    found = read_set(tmp_path)
+    assert found == rendered
+    assert list(found.backgrounds) == list(rendered.backgrounds)  # the order counts, too
+
+
+def test_another_run_may_have_linked_a_shard_just_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, path = os.link, tmp_path / "shard-000000.tar"
+    path.write_bytes(b"a shard")
+
+    def link_twice(source: Path, target: Path) -> None:
+        link(source, target)
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", link_twice)
+    link_shards([Shard(path, 0, 1)], tmp_path / "out")
+    assert path.samefile(tmp_path / "out" / path.name)
+
+
+def test_a_full_disk_is_named_with_the_remedy(tmp_path: Path) -> None:
+    with (
+        pytest.raises(InputError, match="No space left on device; make room") as caught,
+        naming_full_disk(tmp_path),
+        open("/dev/full", "w") as full,
+    ):
+        full.write("to a disk without room")
+    assert str(caught.value).startswith(f"{tmp_path}: ")
+
+
+def test_other_errors_of_a_disk_stay_what_they_are(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError), naming_full_disk(tmp_path):
+        (tmp_path / "missing").read_text()
+
+
+def test_fingerprint_changes_with_whatever_changes_the_images(
+    rendered: RenderedSet, tmp_path: Path
+) -> None:
+    path, *others = rendered.backgrounds
+    same_name = tmp_path / path.name
+    same_name.write_bytes(path.read_bytes() + b"\0")
+    altered = {same_name: rendered.backgrounds[path]} | {
+        other: rendered.backgrounds[other] for other in others
+    }
+    lens = replace(rendered.settings.lens, noise=(0.0, 0.1))
+    changed = [
+        rendered,
+        replace(rendered, seed=18),
+        replace(rendered, images=7),
+        replace(rendered, images_per_shard=3),
+        replace(rendered, settings=replace(rendered.settings, samples=9)),
+        replace(rendered, settings=replace(rendered.settings, lens=lens)),
+        replace(rendered, backgrounds=altered),
+        replace(rendered, backgrounds=dict(reversed(rendered.backgrounds.items()))),
+    ]
+    assert len({each.fingerprint() for each in changed}) == len(changed)
+
+
+def test_fingerprint_does_not_depend_on_where_the_backgrounds_lie(
+    rendered: RenderedSet, tmp_path: Path
+) -> None:
+    moved = {}
+    for path, source in rendered.backgrounds.items():
+        moved[tmp_path / path.name] = source
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert replace(rendered, backgrounds=moved).fingerprint() == rendered.fingerprint()
+
+
+def test_fingerprint_covers_all_code_that_makes_the_bytes() -> None:
+    root = Path(jobs.__file__).parents[1]
+    covered = {path for pattern in jobs._SOURCES for path in root.glob(pattern)}
+    # images.py decodes the background and encodes the JPEG.
+    needed = {root / name for name in ("geometry.py", "shards.py", "images.py")}
+    assert needed | set((root / "rendering").glob("*.py")) <= covered

@@ -1,0 +1,108 @@
+"""The watch over the subprocess of a shard, with small programs in Blender's place."""
+
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shaftpose.errors import InputError
+from shaftpose.rendering import shard_task
+from shaftpose.rendering.jobs import Shard
+from shaftpose.rendering.shard_task import Run, render_shard, run_blender
+
+FOREVER_S = 600.0
+# The end of a program whose shard is written: nothing more comes, but it stays.
+CLOSE_AND_STAY = "sys.stdout.flush(); os.close(1); time.sleep(600)"
+
+Watch = Callable[..., str]
+
+
+@pytest.fixture
+def shard(tmp_path: Path) -> Shard:
+    return Shard(tmp_path / "shard-000007.tar", 14, 2)
+
+
+@pytest.fixture
+def watch(shard: Shard) -> Watch:
+    """Runs a Python program under watch."""
+
+    def run(program: str, hang_s: float = FOREVER_S, **options: Any) -> str:
+        command = [sys.executable, "-c", f"import os, signal, sys, time\n{program}"]
+        wanted: Callable[[], bool] = options.get("is_wanted", lambda: True)
+        return run_blender(
+            command, shard, hang_s, wanted, options.get("report", lambda event: None)
+        )
+
+    return run
+
+
+def write_empty(shard: Shard) -> str:
+    """A program that writes a shard without an image."""
+    return (
+        "from pathlib import Path\nfrom shaftpose.shards import ShardWriter\n"
+        f"with ShardWriter(Path({str(shard.path)!r}), 95): pass\n"
+    )
+
+
+def test_a_shard_that_is_there_is_no_failure(watch: Watch, shard: Shard) -> None:
+    assert watch(write_empty(shard)) == ""
+
+
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGSEGV)", "sys.exit(3)"])
+def test_a_crash_after_the_shard_is_finished_does_not_matter(
+    watch: Watch, shard: Shard, end: str
+) -> None:
+    assert watch(write_empty(shard) + end) == ""
+
+
+def test_a_hang_after_the_shard_is_finished_does_not_matter(
+    watch: Watch, shard: Shard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shard_task, "_EXIT_S", 0.1)
+    assert watch(write_empty(shard) + CLOSE_AND_STAY) == ""
+
+
+def test_a_complaint_is_handed_on(watch: Watch) -> None:
+    assert watch("print('error: a.jpg: not a picture'); sys.exit(1)") == "a.jpg: not a picture"
+
+
+def test_whoever_fails_without_a_word_left_a_log(watch: Watch, shard: Shard) -> None:
+    assert watch("sys.exit(1)") == f"rendering shard-000007.tar failed; see {shard.log}"
+
+
+def test_a_process_that_was_killed_may_be_tried_again(watch: Watch, shard: Shard) -> None:
+    with pytest.raises(InputError, match=r"shard-000007\.tar: .* SIGKILL") as caught:
+        watch("os.kill(os.getpid(), signal.SIGKILL)")
+    assert str(shard.log) in str(caught.value)
+
+
+def test_a_process_that_hangs_is_killed_and_may_be_tried_again(watch: Watch, shard: Shard) -> None:
+    start = time.monotonic()
+    with pytest.raises(InputError, match=r"shard-000007\.tar: .* no image for 0\.2 s") as caught:
+        watch("time.sleep(600)", hang_s=0.2)
+    assert time.monotonic() - start < FOREVER_S / 2
+    assert str(shard.log) in str(caught.value)
+    assert "cluster.hang_s" in str(caught.value)
+
+
+def test_a_process_that_nobody_wants_is_killed(watch: Watch) -> None:
+    answers = iter([True, True, False])
+    start = time.monotonic()
+    with pytest.raises(CancelledError):
+        watch("print('image', flush=True); time.sleep(600)", is_wanted=lambda: next(answers))
+    assert time.monotonic() - start < FOREVER_S / 2
+
+
+def test_images_are_reported(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shard_task, "_REPORT_S", 0.0)
+    events: list[dict[str, int]] = []
+    watch("print('image\\nimage\\nimage')", report=events.append)
+    assert events == [{"images": 1}, {"images": 2}, {"images": 3}]
+
+
+def test_other_software_than_that_of_the_run_is_refused(shard: Shard) -> None:
+    assert "install the same versions" in render_shard(shard, Run("of another machine", "", 1.0))
