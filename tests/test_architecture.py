@@ -17,6 +17,7 @@ OWNERS = {
     "bpy": ("src/shaftpose/rendering/",),
     "mlflow": ("src/shaftpose/tracking.py",),
     "hydra": ("pipelines/", "src/shaftpose/sweep.py"),
+    "trimesh": ("src/shaftpose/rendering/cad.py",),
 }
 
 

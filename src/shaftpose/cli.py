@@ -61,7 +61,6 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
     parser.add_argument("--count", type=positive, default=20, help="number of images (20)")
     parser.add_argument("--columns", type=positive, default=5, help="images in a row (5)")
-    parser.add_argument("--view-deg", type=float, default=95.0, help="view angle (95)")
     parser.set_defaults(run=show)
 
 
@@ -76,7 +75,8 @@ def positive(text: str) -> int:
 def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
     in mm and deg."""
-    predictor, camera = Predictor(options.model), _camera(options.view_deg)
+    predictor = Predictor(options.model)
+    camera = Camera.from_field_of_view(INPUT_PX, INPUT_PX, options.view_deg)
     least = predictor.confidence if options.confidence is None else options.confidence
     for path in options.images:
         image = centre_square(read_rgb(path), INPUT_PX)
@@ -105,12 +105,12 @@ def show(options: argparse.Namespace) -> None:
         library = read_library(options.folder)
         chosen = [read_rgb(background.path) for background in _spread(library, options.count)]
     else:
-        shards, camera = ShardedDataset(options.folder), _camera(options.view_deg)
+        shards = ShardedDataset(options.folder)
         chosen = [
             draw_annotations(
                 draw_masks(shards.rgb(key), shards.masks(key), FOUND),
                 shards.annotations(key),
-                camera,
+                shards.camera(key),
             )
             for key in _spread(shards.keys, options.count)
         ]
@@ -121,7 +121,3 @@ def show(options: argparse.Namespace) -> None:
 def _spread(items: Sequence[T], count: int) -> list[T]:
     count = min(count, len(items))
     return [items[n * len(items) // count] for n in range(count)]
-
-
-def _camera(view_deg: float) -> Camera:
-    return Camera.from_field_of_view(INPUT_PX, INPUT_PX, view_deg)

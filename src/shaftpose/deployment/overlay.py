@@ -34,13 +34,13 @@ def prediction_sheet(
     images: Sequence[Image],
     known: Sequence[Annotations],
     found: Sequence[Detections],
-    camera: Camera,
+    cameras: Sequence[Camera],
     columns: int,
 ) -> Image:
     """Images of one size side by side, with what is there (green) and what was found (yellow)."""
     drawn = [
         draw_detections(draw_annotations(image, there, camera, text=False), detections, camera)
-        for image, there, detections in zip(images, known, found, strict=True)
+        for image, there, detections, camera in zip(images, known, found, cameras, strict=True)
     ]
     return contact_sheet(drawn, columns)
 

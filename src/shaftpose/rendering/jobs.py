@@ -14,6 +14,7 @@ from pathlib import Path
 
 import shaftpose
 from shaftpose.config import RenderSettings, to_json
+from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import shard_name
 
 # Code that determines the bytes of a shard, relative to the package.
@@ -34,10 +35,15 @@ class RenderedSet:
     images_per_shard: int
 
     def fingerprint(self) -> str:
-        """Hexadecimal digest of all that determines the images: settings, seed, the bytes of the
-        backgrounds, the code, and the versions of Blender, OpenCV and numpy."""
+        """Hexadecimal digest of all that determines the images: settings, seed, the instrument's
+        mesh, the bytes of the backgrounds, the code, and the versions of Blender, OpenCV and numpy.
+
+        Raises InputError if the settings name a CAD file that cannot be used.
+        """
         digest = hashlib.sha256(to_json(self.settings).encode())
         digest.update(f"{self.seed} {self.images} {self.images_per_shard}".encode())
+        mesh = instrument_shape(self.settings.shaft).mesh
+        digest.update(mesh.vertices.tobytes() + mesh.edges.tobytes())
         for package in ("bpy", "opencv-python-headless", "numpy"):
             digest.update(f"{package} {version(package)}".encode())
         for path, source in self.backgrounds.items():
