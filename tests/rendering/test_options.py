@@ -25,12 +25,15 @@ SEED = 23
 Mask = NDArray[np.bool_]
 
 RENDER = """
+import numpy as np
 from shaftpose.rendering.generator import Generator
 from shaftpose.shards import ShardWriter
 generator = Generator(settings, {Path(path): source for path, source in backgrounds}, seed)
 with ShardWriter(Path(shard), 95) as writer:
     for index in indices:
-        writer.write(generator.sample(index))
+        sample = generator.sample(index)
+        np.save(Path(shard).with_name(f"{sample.key}.npy"), sample.rgb)  # as before the JPEG
+        writer.write(sample)
 """
 
 
@@ -56,15 +59,14 @@ class Rendered:
 
 def render(
     folder: Path, settings: RenderSettings, backgrounds: Mapping[Path, str], indices: list[int]
-) -> bytes:
-    """Render images into a shard of `folder`, in a process; the bytes of the shard."""
+) -> None:
+    """Render images into a shard of `folder`, in a process."""
     folder.mkdir(exist_ok=True)
     shard = folder / shard_name(0)
     pairs = [(str(path), source) for path, source in backgrounds.items()]
     run_python(
         RENDER, folder, settings, backgrounds=pairs, seed=SEED, shard=str(shard), indices=indices
     )
-    return shard.read_bytes()
 
 
 def read(folder: Path) -> list[Rendered]:
@@ -79,7 +81,7 @@ def read(folder: Path) -> list[Rendered]:
             Shaft(ShaftPose(**pose), mask, info, np.reshape(gt["cam_R_m2c"], (3, 3)))
             for pose, (mask, info, gt) in zip(facts["shafts"], known, strict=True)
         ]
-        images.append(Rendered(shards.rgb(key), shards.camera(key), shafts, facts))
+        images.append(Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, facts))
     return images
 
 
@@ -144,7 +146,10 @@ def test_masks_are_where_the_distorted_camera_sees_the_shafts(
         nearest = np.argmin(depths, axis=0)
         for number, shaft in enumerate(image.shafts):
             expected = np.isfinite(depths[number]) & (nearest == number)
-            assert iou(shaft.mask, expected) > 0.96
+            assert expected.sum() == pytest.approx(shaft.mask.sum(), rel=0.03)
+            # The mask is that of the nearest pixel of the pinhole's picture: off by a pixel.
+            assert not (shaft.mask & ~grown(expected, 1)).any()
+            assert not (expected & ~grown(shaft.mask, 1)).any()
 
 
 def test_a_projected_tip_falls_on_its_mask(bent: list[Rendered], camera: Camera) -> None:
@@ -188,13 +193,12 @@ def test_the_image_is_bent_like_the_mask_and_black_around_its_field(
         assert not shown.all()
         masks = np.any([shaft.mask for shaft in image.shafts], axis=0)
         assert not (masks & ~shown).any()
-        # The files are JPEG: blocks of 16 px on the field's edge ring.
-        assert image.rgb[~grown(shown, 16)].max() < 10
-        background = read_rgb(files[image.facts["background"]]).astype(int)
-        differs = np.abs(image.rgb.astype(int) - background).max(axis=-1) > 40
-        inside = ~grown(~shown, 16)
-        assert differs[masks & inside].mean() > 0.8
-        assert differs[~grown(masks, 8) & inside].mean() < 0.02
+        assert not image.rgb[~shown].any()
+        background = read_rgb(files[image.facts["background"]])
+        differs = np.any(image.rgb != background, axis=-1)
+        assert differs[masks].mean() > 0.9
+        # The pixel filter and the interpolation reach 1.75 px to each side.
+        assert not (differs & shown & ~grown(masks, 3)).any()
 
 
 # A forceps of turned steel in a ring of light, half of it behind tissue.
@@ -283,8 +287,7 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
     tmp_path: Path,
 ) -> None:
     last = IMAGES - 1
-    alone = render(tmp_path / "alone", forceps_settings, backgrounds, [last])
-    assert alone[: -2 * 10240]  # it holds more than the end of an archive
+    render(tmp_path / "alone", forceps_settings, backgrounds, [last])
     one, all_of_them = ShardedDataset(tmp_path / "alone"), ShardedDataset(forceps_folder)
     assert one.keys == [sample_key(last)]
     for suffix in ("rgb.jpg", "gt.json", "gt_info.json", "mask_visib.json", "shaft.json"):

@@ -89,16 +89,9 @@ def _axes(body: Trimesh, axis: str | None) -> Array:
     sums = corners.sum(axis=1)
     moments = np.einsum("f,fci,fcj->ij", body.area_faces, corners, corners)
     moments += np.einsum("f,fi,fj->ij", body.area_faces, sums, sums)
-    _, (across, second, along) = _eigenvectors(moments)
-    return np.stack([second, np.cross(along, second), along])
-
-
-def _eigenvectors(symmetric: Array) -> tuple[Array, Array]:
-    """Eigenvalues, ascending, and their unit vectors as rows, the largest component positive."""
-    values, columns = np.linalg.eigh(symmetric)
-    rows = columns.T
-    largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
-    return values, rows * np.sign(largest)
+    # Eigenvectors in ascending order, with the sign that makes their largest component positive.
+    _, across, along = (v * np.sign(v[np.abs(v).argmax()]) for v in np.linalg.eigh(moments)[1].T)
+    return np.stack([across, np.cross(along, across), along])
 
 
 def _tip_is_high(body: Trimesh, tip: str | None) -> bool:

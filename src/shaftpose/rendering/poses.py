@@ -69,9 +69,10 @@ class PoseSampler:
     def crossing(self, rng: np.random.Generator, poses: tuple[ShaftPose, ...]) -> ShaftPose | None:
         """A further shaft that passes before one of `poses`, all being acceptable together; None
         if none is found in a bounded number of draws."""
+        behind = np.stack([self._depth(pose) for pose in poses])
         for _ in range(_CROSSING_TRIES):
             pose = self._draw(rng)
-            if self._refusal([*poses, pose]) is None and self._hides_a_part(pose, poses):
+            if self._refusal([*poses, pose]) is None and self._hides_a_part(pose, behind):
                 return pose
         return None
 
@@ -114,9 +115,9 @@ class PoseSampler:
         seen = [np.sum((nearest == n) & np.isfinite(depths[n])) for n in range(len(poses))]
         return min(seen) * _STRIDE**2 >= self.scene.min_visible_px
 
-    def _hides_a_part(self, pose: ShaftPose, others: tuple[ShaftPose, ...]) -> bool:
-        depth, behind = self._depth(pose), [self._depth(other) for other in others]
-        return any(np.any((depth < other) & np.isfinite(other)) for other in behind)
+    def _hides_a_part(self, pose: ShaftPose, behind: np.ndarray) -> bool:
+        """Whether a shaft is before others somewhere, whose depths (N, h, w) are known."""
+        return bool(np.any((self._depth(pose) < behind) & np.isfinite(behind)))
 
     def _depth(self, pose: ShaftPose) -> np.ndarray:
         size = self.shaft.diameter_mm, self.shaft.length_mm

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from shaftpose.config import (
-    Distortion,
     LensSettings,
     Range,
     RenderSettings,
@@ -193,7 +192,7 @@ class SceneSampler:
 
 def sample_camera(rng: np.random.Generator, settings: RenderSettings) -> Camera:
     """A camera whose distortion lies within the settings' ranges."""
-    distortion: Distortion = settings.lens.distortion
+    distortion = settings.lens.distortion
     return camera_with(settings, _uniform(rng, distortion.k1), _uniform(rng, distortion.k2))
 
 
