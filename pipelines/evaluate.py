@@ -20,7 +20,6 @@ from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
-from shaftpose.geometry import Camera
 from shaftpose.images import Image, write_jpeg
 from shaftpose.shards import ShardedDataset
 
@@ -42,12 +41,11 @@ def main(config: Config) -> None:
     metrics = evaluate(found, known, confidence)
     metrics = replace(metrics, fps=predictor.frames_per_second(shards.rgb(keys[0])))
     curve = precision_recall(found, known)
-    size_px, view_deg = config["camera"]["size_px"], config["camera"]["view_deg"]
     sheet = prediction_sheet(
         [shards.rgb(key) for key in keys[:DRAWN_IMAGES]],
         known[:DRAWN_IMAGES],
         [detections.above(confidence) for detections in found[:DRAWN_IMAGES]],
-        Camera.from_field_of_view(size_px, size_px, view_deg),
+        [shards.camera(key) for key in keys[:DRAWN_IMAGES]],
         COLUMNS,
     )
     errors = pose_errors(found, known, confidence)

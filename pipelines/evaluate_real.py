@@ -23,6 +23,7 @@ from shaftpose.deployment.overlay import (
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.silhouette_iou import silhouette_score
 from shaftpose.images import write_jpeg
+from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.silhouette import SilhouetteRenderer
 
 logger = logging.getLogger(__name__)
@@ -37,13 +38,16 @@ def main(config: Config) -> None:
     out, chosen = Path(config["out"]), variant(config)
     predictor = Predictor(Path(config["model_folder"]) / "model.onnx")
     confidence = least_confidence(config, predictor)
-    render = SilhouetteRenderer(render_settings(config))
+    rendering = render_settings(config)
+    render = SilhouetteRenderer(rendering)
     scores, drawn = {}, []
-    for name, images in silhouette_sets(config["camera"]["size_px"], read_domain()).items():
+    for name, images in silhouette_sets(middle_camera(rendering), read_domain()).items():
         found = predict(predictor, (image.rgb for image in images), len(images))
         silhouettes = [
-            render(detections.above(confidence).poses)
-            for detections in tqdm(found, "silhouettes", unit="image")
+            render(detections.above(confidence).poses, image.camera)
+            for image, detections in zip(
+                images, tqdm(found, "silhouettes", unit="image"), strict=True
+            )
         ]
         known, masks = [image.known for image in images], [image.masks for image in images]
         scores[name] = asdict(silhouette_score(found, known, masks, silhouettes, confidence))

@@ -11,12 +11,14 @@ from shaftpose.backgrounds.library import Background, hold_out, read_library
 from shaftpose.config import Size
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
-from shaftpose.rendering.meshes import shaft_mesh
 from shaftpose.rendering.scale_out import render_set
+from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import write_models
 
 logger = logging.getLogger(__name__)
 
+# What sets with unhidden shafts replace of the user's scene.
+CLEAR = {"occluder_probability": 0.0, "crossing_probability": 0.0}
 # Seeds of the sets, relative to that of the project: no image is in two of them.
 SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 
@@ -31,19 +33,24 @@ def main(config: Config) -> None:
         for name, rendered in rendered_sets(config, library).items():
             render_set(rendered, Path("data/scratch"), out / name, client, cluster.hang_s)
             logger.info("%d images are in %s", rendered.images, out / name)
-    shaft = render_settings(config).shaft
-    mesh = shaft_mesh(shaft.diameter_mm, shaft.length_mm)
-    write_models(out / "models", mesh.vertices, mesh.faces, shaft.diameter_mm, shaft.length_mm)
+    shape = instrument_shape(render_settings(config).shaft)
+    write_models(
+        out / "models",
+        shape.mesh.vertices,
+        shape.mesh.faces,
+        shape.diameter_mm,
+        shape.length_mm,
+        shape.revolved,
+    )
 
 
 def rendered_sets(config: Config, library: list[Background]) -> dict[str, RenderedSet]:
-    """The sets by name. The user's occluder probability is that of `images`: `clear` has no
-    occluders, `occluded` one for each shaft."""
+    """The sets by name. The user's occluder probability is that of `images`: `clear` has neither
+    occluders nor crossing shafts, `occluded` an occluder for each shaft."""
     sizes = size(config)
     kept, held = hold_out(library, config["backgrounds"]["held_out"], config["seed"])
-    clear, occluded = (
-        render_settings(config, scene={"occluder_probability": share}) for share in (0.0, 1.0)
-    )
+    clear = render_settings(config, scene=CLEAR)
+    occluded = render_settings(config, scene={"occluder_probability": 1.0})
     sets = {
         "images": (render_settings(config), kept, sizes.images),
         "clear": (clear, held, sizes.test_set),

@@ -19,6 +19,7 @@ OWNERS = {
     "dask_jobqueue": ("src/shaftpose/rendering/cluster.py",),
     "mlflow": ("src/shaftpose/tracking.py",),
     "hydra": ("pipelines/", "src/shaftpose/sweep.py"),
+    "trimesh": ("src/shaftpose/rendering/cad.py",),
 }
 
 

@@ -8,10 +8,13 @@ import yaml
 
 from shaftpose.config import (
     Augmentation,
+    CadSettings,
     ClusterSettings,
+    LensSettings,
     LossSettings,
     RenderSettings,
     SceneSettings,
+    ShaftSettings,
     Size,
     SplitSettings,
     TrainingSettings,
@@ -59,6 +62,17 @@ def complaint(kind: type, values: dict[str, Any]) -> str:
         (SceneSettings, "scene", "roughness", [0.1, 1.4]),  # leaves [0, 1]
         (SceneSettings, "scene", "min_visible_px", 0),
         (SceneSettings, "scene", "occluder_probability", 1.5),
+        (SceneSettings, "scene", "occluder_coverage", [0.5, 0.2]),
+        (SceneSettings, "scene", "crossing_probability", -0.1),
+        (SceneSettings, "scene", "light_shape", "square"),
+        (SceneSettings, "scene", "anisotropy", [0.0, 1.2]),
+        (LensSettings, "lens", "motion_px", [-1.0, 2.0]),
+        (LensSettings, "lens", "jpeg_quality", [0, 90]),
+        (LensSettings, "lens", "jpeg_quality", [90, 60]),
+        (LensSettings, "lens", "field_px", 0),
+        (ShaftSettings, "shaft", "tip", "pointed"),
+        (ShaftSettings, "shaft", "jaw_angle_deg", 180.0),
+        (ShaftSettings, "shaft", "bevel_mm", 0.0),
         (SplitSettings, "split", "method", "alphabetical"),
         (SplitSettings, "split", "test", 1.0),
         (ClusterSettings, "cluster", "workers", 0),
@@ -83,6 +97,26 @@ def test_a_wrong_value_is_named(kind: type, part: str, key: str, value: object) 
 def test_a_wrong_value_deep_inside_is_named(values: dict[str, Any], named: str) -> None:
     poses = {**PARAMS["poses"], **values}
     assert f"part.{named}" in complaint(RenderSettings, {**render_values(), "poses": poses})
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"file": "a.stl"}, "shaft.cad.unit is missing"),
+        ({"file": "a.stl", "unit": "feet"}, "shaft.cad.unit = 'feet'"),
+        ({"file": "a.stl", "unit": "mm", "axis": "w"}, "shaft.cad.axis = 'w'"),
+        ({"file": "a.stl", "unit": "mm", "tip": "left"}, "shaft.cad.tip = 'left'"),
+        ("a.stl", "shaft.cad = 'a.stl'"),
+    ],
+)
+def test_a_wrong_value_of_a_cad_file_is_named(values: object, named: str) -> None:
+    shaft = {**PARAMS["shaft"], "cad": values}
+    assert f"part.{named}" in complaint(RenderSettings, {**render_values(), "shaft": shaft})
+
+
+def test_a_cad_file_needs_a_name_and_a_unit() -> None:
+    cad = parse(CadSettings, {"file": "a.stl", "unit": "mm"}, "here")
+    assert (cad.file, cad.axis, cad.tip) == (Path("a.stl"), None, None)
 
 
 @pytest.mark.parametrize(

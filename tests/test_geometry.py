@@ -1,5 +1,7 @@
 """Camera, poses and the cylinder's silhouette, on hand values and against other constructions."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -288,3 +290,62 @@ def test_segment_distance_agrees_with_sampled_points() -> None:
         # Samples are at most half a spacing from the nearest points, on each segment.
         spacing = (np.linalg.norm(q - p) + np.linalg.norm(s - r)) / 200 / 2
         assert exact - 1e-9 <= sampled <= exact + spacing
+
+
+DISTORTED = replace(CAMERA, k1=-0.2, k2=0.05)
+
+
+def test_distortion_is_that_of_opencv() -> None:
+    rng = np.random.default_rng(12)
+    points = np.column_stack([rng.uniform(-25, 25, (200, 2)), rng.uniform(20, 40, 200)])
+    none = np.zeros(3)
+    coefficients = np.array([DISTORTED.k1, DISTORTED.k2, 0, 0])
+    expected, _ = cv2.projectPoints(points, none, none, DISTORTED.matrix, coefficients)
+    np.testing.assert_allclose(DISTORTED.project(points), expected[:, 0], atol=1e-9)
+    # By hand: x / z = 1, so u = f (1 - 0.2 + 0.05) + cx; the axis stays in the centre.
+    on_axis = DISTORTED.project(np.array([[20.0, 0, 20], [0, 0, 20]]))
+    np.testing.assert_allclose(on_axis, [[0.85 * CAMERA.focal_px + 149.5, 149.5], [149.5, 149.5]])
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(-0.2, 0.05), (0.3, 0.0), (-0.05, 0.0), (0.0, 0.1)])
+def test_rays_of_a_distorted_camera_meet_their_pixels(k1: float, k2: float) -> None:
+    camera = replace(CAMERA, k1=k1, k2=k2)
+    for stride in (1, 4):
+        v, u = np.mgrid[0:299:stride, 0:299:stride] + stride / 2
+        pixels = camera.project(camera.rays(stride))
+        np.testing.assert_allclose(pixels, np.stack([u, v], axis=-1), atol=1e-3)
+
+
+def test_what_a_distortion_would_fold_back_stays_outside() -> None:
+    # r (1 - 0.06 r^2) grows up to r = 2.357, where it is 1.571: the corner, 1.543, has a ray. At
+    # r = 4 the formula gives 0.16, in the middle of the image.
+    folding = replace(CAMERA, k1=-0.06)
+    assert np.isfinite(folding.rays()).all()
+    far = np.array([[4.0, 0, 1], [2.9, 2.9, 1], [40, 0, 10]])
+    assert not folding.shows(folding.project(far)).any()
+    empty = replace(CAMERA, k1=-0.08).rays()  # grows up to 1.361 at r = 2.041
+    assert np.isnan(empty[0, 0, :2]).all()
+    assert np.isfinite(empty[:, 149]).all()
+
+
+def test_a_round_field_of_view() -> None:
+    camera = replace(CAMERA, field_px=100.0)
+    inside = camera.shows(np.array([[149.5, 99.5], [149.5, 99.4], [184.8, 184.8], [184.9, 184.9]]))
+    assert inside.tolist() == [True, False, True, False]
+    shown = np.isfinite(camera.rays()[..., 0])
+    assert shown.sum() == pytest.approx(np.pi * 50**2, rel=0.01)
+    assert mask_box(shown) == (99, 99, 200, 200)  # pixel centres at most 50 px from 149.5
+    depth = cylinder_depth(camera, ShaftPose(0, 0, 20, 90, 0), 3.0, 150.0)
+    assert np.isinf(depth[~shown]).all()
+    assert np.isfinite(depth[149, 150:199]).all()
+    edges = np.array([[0.0, 0], [298.9, 298.9], [299, 10], [10, -0.1]])
+    assert CAMERA.shows(edges).tolist() == [True, True, False, False]
+
+
+def test_roll_turns_a_shaft_about_its_own_axis() -> None:
+    pose = ShaftPose(1, 2, 30, 65, 200)
+    rolled = pose.rolled(90.0)
+    np.testing.assert_allclose(rolled[:, 2], pose.direction)
+    np.testing.assert_allclose(rolled[:, 0], pose.rotation[:, 1], atol=1e-12)
+    np.testing.assert_allclose(rolled[:, 1], -pose.rotation[:, 0], atol=1e-12)
+    np.testing.assert_array_equal(pose.rolled(0.0), pose.rotation)

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +185,39 @@ def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("lens", "stated"),
+    [
+        ({}, {}),
+        ({"k1": -0.2, "k2": 0.05}, {"distortion": [-0.2, 0.05]}),
+        ({"field_px": 60.0}, {"field_px": 60.0}),
+        ({"k2": 0.1, "field_px": 60.0}, {"distortion": [0.0, 0.1], "field_px": 60.0}),
+    ],
+)
+def test_a_camera_states_its_lens_and_survives(
+    tmp_path: Path, lens: dict[str, float], stated: dict[str, object]
+) -> None:
+    camera = replace(CAMERA, **lens)
+    path = tmp_path / shard_name(0)
+    write_shard(path, [replace(make_sample(0), camera=camera)])
+    about = json.loads(read_member(path, f"{sample_key(0)}.camera.json"))
+    assert about == {"cam_K": CAMERA.matrix.ravel().tolist(), "depth_scale": 1.0} | stated
+    assert ShardedDataset(tmp_path).camera(sample_key(0)) == camera
+
+
+def test_a_roll_is_part_of_the_rotation_alone(tmp_path: Path) -> None:
+    sample = make_sample(0, shafts=1)
+    rolled = replace(sample.instruments[0], roll_deg=90.0)
+    path = tmp_path / shard_name(0)
+    write_shard(path, [replace(sample, instruments=(rolled,))])
+    (pose,) = json.loads(read_member(path, f"{sample_key(0)}.gt.json"))
+    rotation = np.reshape(pose["cam_R_m2c"], (3, 3))
+    np.testing.assert_allclose(rotation, rolled.pose.rolled(90.0))
+    assert not np.allclose(rotation, rolled.pose.rotation)
+    found = ShardedDataset(tmp_path).annotations(sample_key(0)).poses
+    np.testing.assert_allclose(found, [rolled.pose.as_array()])
+
+
 def test_the_same_samples_are_the_same_bytes(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         write_shard(tmp_path / folder / "shard-000000.tar", [make_sample(0), make_sample(1)])
@@ -326,18 +360,21 @@ def test_shards_are_found_in_order(tmp_path: Path) -> None:
 
 def test_models_folder_describes_the_mesh(tmp_path: Path) -> None:
     mesh = shaft_mesh(3.0, 150.0)
-    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0)
+    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
     info = json.loads((tmp_path / "models" / "models_info.json").read_text())["1"]
     assert info["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
     # A rod of 3 mm and 150 mm from the tip on; its diagonal is sqrt(9 + 22500) = 150.03.
     assert [info[f"min_{axis}"] for axis in "xyz"] == pytest.approx([-1.5, -1.5, 0.0])
     assert [info[f"size_{axis}"] for axis in "xyz"] == pytest.approx([3.0, 3.0, 150.0])
     assert info["diameter"] == pytest.approx(150.03, abs=0.001)
+    write_models(tmp_path / "jaws", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=False)
+    info = json.loads((tmp_path / "jaws" / "models_info.json").read_text())["1"]
+    assert "symmetries_continuous" not in info
 
 
 def test_the_ply_file_holds_the_mesh(tmp_path: Path) -> None:
     mesh = shaft_mesh(3.0, 150.0)
-    write_models(tmp_path, mesh.vertices, mesh.faces, 3.0, 150.0)
+    write_models(tmp_path, mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
     head, _, body = (tmp_path / "obj_000001.ply").read_text().partition("end_header\n")
     assert head.startswith("ply\nformat ascii 1.0\n")
     assert f"element vertex {len(mesh.vertices)}\n" in head

@@ -52,7 +52,6 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
     parser.add_argument("--count", type=positive, default=20, help="number of images (20)")
     parser.add_argument("--columns", type=positive, default=5, help="images in a row (5)")
-    parser.add_argument("--view-deg", type=float, default=95.0, help="view angle (95)")
     parser.set_defaults(run=show)
 
 
@@ -67,7 +66,8 @@ def positive(text: str) -> int:
 def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
     in mm and deg."""
-    predictor, camera = Predictor(options.model), _camera(options.view_deg)
+    predictor = Predictor(options.model)
+    camera = Camera.from_field_of_view(INPUT_PX, INPUT_PX, options.view_deg)
     least = predictor.confidence if options.confidence is None else options.confidence
     targets = _drawings(options.images, options.draw) if options.draw else {}
     for path in options.images:
@@ -111,12 +111,9 @@ def show(options: argparse.Namespace) -> None:
         library = read_library(options.folder)
         chosen = [read_rgb(background.path) for background in spread(library, options.count)]
     else:
-        shards, camera = ShardedDataset(options.folder), _camera(options.view_deg)
-        keys = spread(shards.keys, options.count)
-        chosen = [draw_sample(shards, key, camera) for key in keys]
+        shards = ShardedDataset(options.folder)
+        chosen = [draw_sample(shards, key) for key in spread(shards.keys, options.count)]
     write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
     print(f"{len(chosen)} images are drawn in {options.out}")
 
 
-def _camera(view_deg: float) -> Camera:
-    return Camera.from_field_of_view(INPUT_PX, INPUT_PX, view_deg)

@@ -54,10 +54,17 @@ def _above_zero(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _qualities(pair: tuple[int, int]) -> tuple[int, int]:
+    if not 1 <= pair[0] <= pair[1] <= 100:
+        raise ValueError("both ends must lie in [1, 100], the lower one first")
+    return pair
+
+
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
 PositiveRange = Annotated[Range, AfterValidator(_not_negative)]
 SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
 UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
+QualityRange = Annotated[tuple[int, int], AfterValidator(_qualities)]
 Count = Annotated[int, Field(ge=0)]
 PositiveInt = Annotated[int, Field(gt=0)]
 Positive = Annotated[float, Field(gt=0)]
@@ -102,11 +109,40 @@ class PoseRanges:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class CadSettings:
+    """The file (STL, OBJ, GLB) of an instrument and how it lies in it.
+
+    axis: the file's axis along the instrument; None: that of its greatest extent. tip: whether the
+    tip is at the low or the high end of that axis; None: at the thinner end.
+    """
+
+    file: Path
+    unit: Literal["mm", "cm", "m", "inch"]
+    axis: Literal["x", "y", "z"] | None = None
+    tip: Literal["low", "high"] | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
 class ShaftSettings:
-    """The instrument: a straight steel rod."""
+    """The instrument: a straight steel rod with one of four tips, or `cad` in place of all that.
+
+    bevel_mm: width of the chamfer, or radius of the rounding, around the tip; jaw_angle_deg: angle
+    between the jaws of a forceps.
+    """
 
     diameter_mm: Positive
     length_mm: Positive
+    tip: Literal["flat", "chamfered", "rounded", "forceps"]
+    bevel_mm: Positive
+    jaw_angle_deg: Annotated[float, Field(ge=0, le=120)]
+    cad: CadSettings | None
+
+    def __post_init__(self) -> None:
+        if self.tip in ("chamfered", "rounded") and not self.bevel_mm < self.diameter_mm / 2:
+            raise ValueError(
+                f"bevel_mm = {self.bevel_mm:g} must be less than half of "
+                f"diameter_mm = {self.diameter_mm:g}"
+            )
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -115,9 +151,12 @@ class SceneSettings:
 
     instruments: fewest and most shafts; lens_radius_mm: sphere around the camera that no shaft
     cuts; min_visible_px: a shaft with fewer visible pixels is drawn again; light_strength: radiant
-    power of the scope's light in W; ambient: brightness of the background as the metal sees it, 1
-    is as photographed; roughness: of the steel; scratches: strength of the normal map;
-    occluder_probability: chance that tissue hides part of an image's shafts.
+    power of the scope's light in W; light_shape: two light guides beside the lens or a ring around
+    it; ambient: brightness of the background as the metal sees it, 1 is as photographed; roughness:
+    of the steel; scratches: strength of the normal map; anisotropy: how much highlights are drawn
+    out, as on turned steel; occluder_probability: chance that tissue hides part of an image's
+    shafts; occluder_coverage: hidden share of each of these shafts; crossing_probability: chance of
+    a further shaft, annotated like the others, that passes before one of them.
     """
 
     instruments: InstrumentCounts
@@ -125,25 +164,43 @@ class SceneSettings:
     min_visible_px: PositiveInt
     light_strength: PositiveRange
     light_kelvin: PositiveRange
+    light_shape: Literal["twin", "ring"]
     ambient: PositiveRange
     steel_grey: UnitRange
     roughness: UnitRange
     scratches: UnitRange
+    anisotropy: UnitRange
     occluder_probability: Fraction
+    occluder_coverage: UnitRange
+    crossing_probability: Fraction
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Distortion:
+    """Radial distortion by OpenCV's k1 and k2; see `shaftpose.geometry.Camera`."""
+
+    k1: Range
+    k2: Range
 
 
 @dataclass(frozen=True, config=_STRICT)
 class LensSettings:
-    """What lens, air and sensor do to the finished image; all zero in the paper's setting.
+    """What lens, air and sensor do to the finished image; nothing in the paper's setting.
 
-    blur_px: standard deviation of the defocus; haze: opacity of surgical smoke; vignette: darkening
-    at the corners; noise: standard deviation of sensor noise in grey levels of 255.
+    blur_px: standard deviation of the defocus; motion_px: way of the image during the exposure;
+    haze: opacity of surgical smoke; vignette: darkening at the corners; noise: standard deviation
+    of sensor noise in grey levels of 255; jpeg_quality: of the recorder, whose compression comes
+    before that of the stored file; field_px: diameter of the round picture of a scope.
     """
 
     blur_px: PositiveRange
+    motion_px: PositiveRange
     haze: UnitRange
     vignette: UnitRange
     noise: PositiveRange
+    jpeg_quality: QualityRange | None
+    distortion: Distortion
+    field_px: Positive | None
 
 
 @dataclass(frozen=True, config=_STRICT)

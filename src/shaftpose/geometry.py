@@ -14,17 +14,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with square pixels; `focal_px`, `cx`, `cy` in pixels."""
+    """A camera with square pixels; `focal_px`, `cx`, `cy` and `field_px` in pixels.
+
+    It is a pinhole unless `k1` or `k2` is set, OpenCV's radial distortion: what a pinhole shows at
+    the distance r f from the principal point lies at r (1 + k1 r^2 + k2 r^4) f. field_px: diameter
+    of a round field of view around the principal point; None: the image is seen to its corners.
+    """
 
     width: int
     height: int
     focal_px: float
     cx: float
     cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    field_px: float | None = None
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, view_deg: float) -> "Camera":
-        """A centred camera whose horizontal perspective angle is `view_deg` (paper, II)."""
+        """A centred pinhole camera whose horizontal angle is `view_deg` (paper, II)."""
         focal_px = width / (2 * np.tan(np.radians(view_deg) / 2))
         return cls(width, height, float(focal_px), width / 2, height / 2)
 
@@ -34,17 +42,61 @@ class Camera:
         return np.array([[self.focal_px, 0, self.cx], [0, self.focal_px, self.cy], [0, 0, 1.0]])
 
     def project(self, points_mm: Array) -> Array:
-        """Pixels (..., 2) of camera-frame points (..., 3); u = f x / z + cx."""
-        centre = np.array([self.cx, self.cy])
-        return self.focal_px * points_mm[..., :2] / points_mm[..., 2:] + centre
+        """Pixels (..., 2) of camera-frame points (..., 3); u = f x / z + cx without distortion.
+
+        Points beyond the radius up to which a distortion is followed stay at that radius.
+        """
+        offsets = self.focal_px * points_mm[..., :2] / points_mm[..., 2:]
+        if self.k1 or self.k2:
+            radius = np.linalg.norm(offsets, axis=-1, keepdims=True) / self.focal_px
+            followed = np.minimum(radius, self._rim)
+            offsets = offsets * _ratio(self._distorted(followed), radius)
+        return offsets + np.array([self.cx, self.cy])
 
     def rays(self, stride: int = 1) -> Array:
         """Directions (h, w, 3), with z = 1, through the centres of blocks of
-        `stride` x `stride` pixels."""
+        `stride` x `stride` pixels; x and y are NaN where the camera shows nothing."""
         u = np.arange(0, self.width, stride) + 0.5 * stride
         v = np.arange(0, self.height, stride) + 0.5 * stride
         x, y = np.meshgrid((u - self.cx) / self.focal_px, (v - self.cy) / self.focal_px)
-        return np.stack([x, y, np.ones_like(x)], axis=-1)
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+        if self.k1 or self.k2:
+            seen = np.hypot(x, y)
+            rays[..., :2] *= _ratio(self._undistorted(seen), seen)[..., None]
+        if self.field_px is not None:
+            rays[~self.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
+        return rays
+
+    def shows(self, pixels: Array) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) lie in the image, and in its round field if it has one."""
+        size, centre = np.array([self.width, self.height]), np.array([self.cx, self.cy])
+        inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < size), axis=-1)
+        if self.field_px is not None:
+            inside &= np.linalg.norm(pixels - centre, axis=-1) <= self.field_px / 2
+        return inside
+
+    def _distorted(self, radius: Array) -> Array:
+        return radius * (1 + self.k1 * radius**2 + self.k2 * radius**4)
+
+    def _undistorted(self, seen: Array) -> Array:
+        """The inverse of `_distorted`, from a table that is exact to 0.001 px; NaN beyond it."""
+        radius = np.linspace(0, self._rim, 2**14)
+        return np.interp(seen, self._distorted(radius), radius, right=np.nan)
+
+    @property
+    def _rim(self) -> float:
+        """The radius up to which the distortion is followed: where it would fold the image back,
+        its derivative 1 + 3 k1 r^2 + 5 k2 r^4 being 0, or three times that of the corner."""
+        far_x, far_y = max(self.cx, self.width - self.cx), max(self.cy, self.height - self.cy)
+        corner = float(np.hypot(far_x, far_y)) / self.focal_px
+        roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
+        folds = [float(root.real) ** 0.5 for root in roots if root.imag == 0 and root.real > 0]
+        return min([3 * corner, *folds])
+
+
+def _ratio(radius: Array, by: Array) -> Array:
+    """radius / by, and 1 in the centre, where both are 0."""
+    return np.divide(radius, by, out=np.ones_like(by), where=by > 0)
 
 
 @dataclass(frozen=True)
@@ -88,6 +140,14 @@ class ShaftPose:
         z_axis = self.direction
         return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
 
+    def rolled(self, roll_deg: float) -> Array:
+        """(3, 3) `rotation` after a turn about the shaft's own axis, for instruments on which it
+        shows."""
+        if not roll_deg:
+            return self.rotation
+        c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+        return self.rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
 
 def axis_direction(pitch_deg: Array, yaw_deg: Array) -> Array:
     """Unit vectors (..., 3) from tip to handle: (sin p cos w, sin p sin w, -cos p)."""
@@ -111,7 +171,8 @@ def cylinder_depth(
 ) -> Array:
     """Depth z (h, w) in mm where the ray of a pixel's centre meets the cylinder, else infinity.
 
-    Exact intersection of each ray with the side and the two end discs.
+    Exact intersection of each ray with the side and the two end discs. Infinity, too, where the
+    camera shows nothing.
     """
     rays = camera.rays(stride)
     tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2

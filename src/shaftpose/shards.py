@@ -37,6 +37,7 @@ class Instrument:
     visible_fraction: float
     visible_px: int
     amodal_px: int
+    roll_deg: float = 0.0  # about its axis, where that can be seen
 
 
 @dataclass(frozen=True)
@@ -137,8 +138,8 @@ def _is_alive(pid: int) -> bool:
 def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
     """The members of one sample, suffix -> bytes."""
     parts: dict[str, Any] = {
-        "camera.json": {"cam_K": sample.camera.matrix.ravel().tolist(), "depth_scale": 1.0},
-        "gt.json": [_bop_pose(i.pose) for i in sample.instruments],
+        "camera.json": _bop_camera(sample.camera),
+        "gt.json": [_bop_pose(i) for i in sample.instruments],
         "gt_info.json": [_bop_info(i) for i in sample.instruments],
         "mask_visib.json": {str(n): encode_mask(i.mask) for n, i in enumerate(sample.instruments)},
         "shaft.json": {
@@ -151,10 +152,20 @@ def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
     }
 
 
-def _bop_pose(pose: ShaftPose) -> dict[str, Any]:
+def _bop_camera(camera: Camera) -> dict[str, Any]:
+    """BOP's keys, and `distortion` and `field_px` for a camera that is no plain pinhole."""
+    about: dict[str, Any] = {"cam_K": camera.matrix.ravel().tolist(), "depth_scale": 1.0}
+    if camera.k1 or camera.k2:
+        about["distortion"] = [camera.k1, camera.k2]
+    if camera.field_px is not None:
+        about["field_px"] = camera.field_px
+    return about
+
+
+def _bop_pose(instrument: Instrument) -> dict[str, Any]:
     return {
-        "cam_R_m2c": pose.rotation.ravel().tolist(),
-        "cam_t_m2c": pose.tip_mm.tolist(),
+        "cam_R_m2c": instrument.pose.rolled(instrument.roll_deg).ravel().tolist(),
+        "cam_t_m2c": instrument.pose.tip_mm.tolist(),
         "obj_id": SHAFT_OBJECT_ID,
     }
 
@@ -241,6 +252,14 @@ class ShardedDataset:
             np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
         )
 
+    def camera(self, key: str) -> Camera:
+        """The camera of one image."""
+        about = self._json(key, "camera.json")
+        height, width = self.rgb(key).shape[:2]
+        focal_px, _, cx, _, _, cy, *_ = about["cam_K"]
+        k1, k2 = about.get("distortion", (0.0, 0.0))
+        return Camera(width, height, focal_px, cx, cy, k1, k2, about.get("field_px"))
+
     def masks(self, key: str) -> list[NDArray[np.bool_]]:
         """The visible mask (H, W) of each instrument of one image."""
         encoded = self._json(key, "mask_visib.json")
@@ -324,21 +343,26 @@ def shard_paths(folder: Path) -> list[Path]:
 
 
 def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],
-                 diameter_mm: float, length_mm: float) -> None:  # fmt: skip
-    """BOP's models folder: the mesh and `models_info.json` with the continuous symmetry.
+                 diameter_mm: float, length_mm: float, revolved: bool) -> None:  # fmt: skip
+    """BOP's models folder: the mesh and `models_info.json`.
 
-    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip.
+    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip; diameter_mm, length_mm: of the
+    rod that holds them, whose diagonal stands for the greatest distance of two vertices; revolved:
+    whether z is an axis of continuous symmetry.
     """
     folder.mkdir(parents=True, exist_ok=True)
     low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
-    info = {
+    info: dict[str, dict[str, Any]] = {
         str(SHAFT_OBJECT_ID): {
             "diameter": float(np.hypot(diameter_mm, length_mm)),
             **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
             **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)},
-            "symmetries_continuous": [{"axis": [0, 0, 1], "offset": [0, 0, 0]}],
         }
     }
+    if revolved:
+        info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
+            {"axis": [0, 0, 1], "offset": [0, 0, 0]}
+        ]
     (folder / "models_info.json").write_text(json.dumps(info, indent=1) + "\n")
     name = f"obj_{SHAFT_OBJECT_ID:06d}.ply"
     (folder / name).write_text("\n".join(_ply_lines(vertices_mm, faces)) + "\n")

@@ -84,7 +84,7 @@ def test_a_prediction_sheet_shows_both_in_their_colours() -> None:
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     found = Detections(BOX - 20, np.array([0.9]), POSE)
     known = Annotations(BOX, POSE)
-    sheet = prediction_sheet([BLACK, BLACK], [known, known], [nothing, found], CAMERA, columns=2)
+    sheet = prediction_sheet([BLACK, BLACK], [known, known], [nothing, found], [CAMERA] * 2, 2)
     left, right = sheet[:, :299], sheet[:, 299:]
     assert has(left, TRUTH) and not has(left, FOUND)
     assert has(right, TRUTH) and has(right, FOUND)

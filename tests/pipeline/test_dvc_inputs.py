@@ -36,8 +36,8 @@ NOT_LISTED = frozenset(
 )
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log
-    # The camera and the shaft make a silhouette; the rest of the render settings is checked.
-    "evaluate_real": {"poses", "scene", "lens", "render.jpeg_quality", "size.samples"},
+    # Camera, lens and shaft make a silhouette; the rest of the render settings is checked.
+    "evaluate_real": {"poses", "scene", "render.jpeg_quality", "size.samples"},
 }
 # Not read for results: MLflow shows most of the configuration of a training, and the name of its
 # scratch folder depends on it.

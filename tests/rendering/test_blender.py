@@ -1,6 +1,6 @@
 """What Blender renders, against exact geometry, Blender's own files and itself."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,7 +83,7 @@ def test_mask_equals_the_exact_cylinder(
     draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
     rng = np.random.default_rng(21)
     for pose in [draw(rng).poses[0] for _ in range(15)]:
-        mask = renderer.silhouettes([pose]) == 1
+        mask = renderer.silhouettes([pose], camera) == 1
         assert iou(mask, cylinder_mask(camera, pose, settings)) >= 0.99, pose
 
 
@@ -92,7 +92,7 @@ def test_mask_of_a_shaft_that_runs_on_behind_the_camera(
 ) -> None:
     pose = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
     assert (pose.tip_mm + settings.shaft.length_mm * pose.direction)[2] < -50
-    mask = renderer.silhouettes([pose]) == 1
+    mask = renderer.silhouettes([pose], camera) == 1
     assert iou(mask, cylinder_mask(camera, pose, settings)) >= 0.99
 
 
@@ -104,14 +104,14 @@ def test_the_nearer_shaft_hides_the_farther(
     assert (near & far).sum() > 50
     poses = [LEFT_TO_RIGHT, TOP_TO_BOTTOM_BEHIND]
     for order in (poses, poses[::-1]):
-        index = renderer.silhouettes(order)
+        index = renderer.silhouettes(order, camera)
         assert iou(index == order.index(LEFT_TO_RIGHT) + 1, near) >= 0.99
         assert iou(index == order.index(TOP_TO_BOTTOM_BEHIND) + 1, far & ~near) >= 0.99
 
 
-def test_a_shaft_out_of_view_leaves_no_pixel(renderer: "Renderer") -> None:
-    assert not renderer.silhouettes([ShaftPose(200.0, 0.0, 20.0, 90.0, 0.0)]).any()
-    assert not renderer.silhouettes([]).any()
+def test_a_shaft_out_of_view_leaves_no_pixel(renderer: "Renderer", camera: Camera) -> None:
+    assert not renderer.silhouettes([ShaftPose(200.0, 0.0, 20.0, 90.0, 0.0)], camera).any()
+    assert not renderer.silhouettes([], camera).any()
 
 
 def test_samples_cover_what_these_tests_need(samples: list[Sample]) -> None:
@@ -244,13 +244,47 @@ def render_full_frame(
 ) -> "Foreground":
     from shaftpose.rendering.blender import Region
 
-    def everything(poses: object) -> "Region":
+    def everything() -> "Region":
         return Region(0, 0, camera.width, camera.height)
 
     monkeypatch.setattr(renderer, "_region", everything)
     full = renderer.render(scene)
     assert full is not None
     return full
+
+
+def test_anisotropy_changes_the_steel_and_nothing_else(
+    generator: "Generator", renderer: "Renderer"
+) -> None:
+    scenes = (first_scene(generator, index) for index in range(50))
+    scene = next(scene for scene in scenes if not scene.occluders)
+
+    def seen(anisotropy: float) -> "Foreground":
+        steels = tuple(replace(steel, anisotropy=anisotropy) for steel in scene.steels)
+        foreground = renderer.render(replace(scene, steels=steels))
+        assert foreground is not None
+        return foreground
+
+    plain, turned, again = seen(0.0), seen(0.9), seen(0.0)
+    assert_foregrounds_equal(plain, again)
+    np.testing.assert_array_equal(plain.index, turned.index)
+    steel = plain.index > 0
+    difference = np.abs(plain.linear - turned.linear)[steel][:, :3].mean()
+    assert difference > 0.05 * plain.linear[steel][:, :3].mean()
+
+
+def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
+    with_scene: Callable[..., RenderSettings],
+) -> None:
+    from shaftpose.rendering.blender import _lamp_places
+
+    twin, ring = (np.array(_lamp_places(with_scene(light_shape=s).scene)) for s in ("twin", "ring"))
+    np.testing.assert_array_equal(twin, [[-2, 0], [2, 0]])
+    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), 2)
+    np.testing.assert_allclose(ring.mean(axis=0), 0, atol=1e-12)
+    neighbours = np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1)
+    assert len(ring) > 4
+    assert np.ptp(neighbours) < 1e-12
 
 
 def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer") -> None:

@@ -92,6 +92,56 @@ def test_blur_spreads_an_edge_and_keeps_its_place() -> None:
     assert (seen[52] + seen[53]) / 2 == pytest.approx(40 + 0.8413 * 160, abs=4)
 
 
+def test_motion_spreads_a_point_along_its_way() -> None:
+    image = flat(0)
+    image[50, 50] = 250
+    seen = apply_lens(image, replace(CLEAN, motion_px=(6.0, 0.0)), 1)[..., 0].astype(int)
+    # 250 over a way of 6 px: 41 or 42 on each of 5 px, half of it on the two at the ends.
+    assert np.count_nonzero(seen[:50]) == np.count_nonzero(seen[51:]) == 0
+    assert np.all(np.abs(seen[50, 48:53] - 250 / 6) <= 2)
+    assert seen[50, 47] == pytest.approx(21, abs=2)
+    np.testing.assert_array_equal(seen[50], seen[50, ::-1])
+    assert seen.sum() == pytest.approx(250, abs=8)
+    np.testing.assert_array_equal(
+        apply_lens(image, replace(CLEAN, motion_px=(0.0, 6.0)), 1)[..., 0].T, seen
+    )
+
+
+def test_motion_may_be_oblique_and_moves_nothing_on_the_whole() -> None:
+    image = flat(0)
+    image[50, 50] = 255
+    seen = apply_lens(image, replace(CLEAN, motion_px=(-5.0, 8.0)), 1)[..., 0].astype(float)
+    rows, columns = np.nonzero(seen > 8)
+    assert np.ptp(rows) == pytest.approx(8, abs=1)
+    assert np.ptp(columns) == pytest.approx(5, abs=1)
+    assert np.corrcoef(rows, columns)[0, 1] < -0.9
+    v, u = np.mgrid[0:101, 0:101]
+    assert (seen * u).sum() / seen.sum() == pytest.approx(50, abs=0.1)
+    assert (seen * v).sum() / seen.sum() == pytest.approx(50, abs=0.1)
+
+
+def test_what_the_lens_does_not_show_is_black_but_for_noise() -> None:
+    shown = np.zeros((101, 101), dtype=bool)
+    shown[30:60, 30:60] = True
+    hazy = replace(CLEAN, haze=0.5, blur_px=2.0)
+    for lens in (CLEAN, hazy):
+        seen = apply_lens(flat(120), lens, 1, shown)
+        assert not seen[~shown].any()
+        assert seen[shown].min() > 60
+    noisy = apply_lens(flat(120), replace(CLEAN, noise=4.0), 1, shown)
+    assert 0 < noisy[~shown].mean() < 5
+
+
+def test_a_recorder_compresses_the_noise_away() -> None:
+    lens = replace(CLEAN, noise=4.0)
+    raw, good, bad = (
+        apply_lens(flat(128), replace(lens, jpeg_quality=quality), 1) for quality in (None, 95, 20)
+    )
+    errors = [np.abs(image.astype(int) - raw).mean() for image in (good, bad)]
+    assert 0 < errors[0] < errors[1]
+    assert bad.std() < 0.8 * raw.std()
+
+
 def test_the_sensor_seed_determines_smoke_and_noise() -> None:
     lens = Lens(blur_px=0.8, haze=0.3, vignette=0.4, noise=3.0)
     first, again, other = (apply_lens(flat(90), lens, seed) for seed in (1, 1, 2))

@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trimesh
 
-from shaftpose.config import RenderSettings
+from shaftpose.config import CadSettings, RenderSettings
 from shaftpose.errors import InputError
 from shaftpose.rendering import jobs
 from shaftpose.rendering.jobs import (
@@ -18,6 +19,7 @@ from shaftpose.rendering.jobs import (
     read_set,
     write_set,
 )
+from shaftpose.rendering.shapes import instrument_shape
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +99,22 @@ def test_fingerprint_changes_with_whatever_changes_the_images(
         replace(rendered, backgrounds=dict(reversed(rendered.backgrounds.items()))),
     ]
     assert len({each.fingerprint() for each in changed}) == len(changed)
+
+
+def test_fingerprint_changes_with_the_content_of_a_cad_file(
+    rendered: RenderedSet, tmp_path: Path
+) -> None:
+    path = tmp_path / "tool.stl"
+    shaft = replace(rendered.settings.shaft, cad=CadSettings(path, "mm"))
+    tool = replace(rendered, settings=replace(rendered.settings, shaft=shaft))
+    with pytest.raises(InputError, match=r"tool\.stl: cannot be read"):
+        tool.fingerprint()
+    found = set()
+    for length_mm in (80.0, 90.0):
+        trimesh.creation.cylinder(1.5, length_mm).export(path)
+        instrument_shape.cache_clear()  # of this process: a run reads the file once
+        found.add(tool.fingerprint())
+    assert len(found) == 2
 
 
 def test_fingerprint_does_not_depend_on_where_the_backgrounds_lie(

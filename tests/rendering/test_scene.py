@@ -5,9 +5,12 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from shaftpose.config import LensSettings, Range, RenderSettings
-from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.config import Distortion, Range, RenderSettings, SceneSettings
+from shaftpose.errors import InputError
+from shaftpose.geometry import Camera, cylinder_depth
+from shaftpose.rendering.scene import Lens, Scene, SceneSampler, Steel
 
 IMAGES = 12
 
@@ -100,14 +103,18 @@ def test_light_and_steel_lie_within_their_ranges(
 def test_lens_lies_within_its_ranges(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:
-    lens = LensSettings(blur_px=(0.5, 1.4), haze=(0.1, 0.4), vignette=(0.3, 0.8), noise=(2.0, 6.0))
+    effects = {"blur_px": (0.5, 1.4), "haze": (0.1, 0.4), "vignette": (0.3, 0.8),
+               "noise": (2.0, 6.0), "motion_px": (3.0, 8.0), "jpeg_quality": (40, 80)}  # fmt: skip
+    lens = replace(settings.lens, **effects)
     for scene in scenes(replace(settings, lens=lens), backgrounds):
         assert_within(scene.lens.blur_px, lens.blur_px)
         assert_within(scene.lens.haze, lens.haze)
         assert_within(scene.lens.vignette, lens.vignette)
         assert_within(scene.lens.noise, lens.noise)
+        assert_within(np.hypot(*scene.lens.motion_px), lens.motion_px)
+        assert scene.lens.jpeg_quality in range(40, 81)
     for scene in scenes(settings, backgrounds):
-        assert not any(vars(scene.lens).values())
+        assert scene.lens == Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
 
 
 def assert_within(value: float, ends: Range) -> None:
@@ -120,7 +127,167 @@ def test_facts_survive_json(
     for scene in scenes(with_scene(occluder_probability=1.0), backgrounds):
         facts = json.loads(json.dumps(scene.facts()))
         assert facts["light"] == vars(scene.light)
-        assert facts["steels"] == [vars(steel) for steel in scene.steels]
+        assert [Steel(**steel) for steel in facts["steels"]] == list(scene.steels)
         assert facts["occluders"][0]["shape_seed"] == scene.occluders[0].shape_seed
         assert tuple(facts["occluders"][0]["centre_mm"]) == scene.occluders[0].centre_mm
         assert facts["tries"] == scene.tries
+
+
+def with_all_options(settings: RenderSettings) -> RenderSettings:
+    """All that the paper's setting lacks, but for crossing shafts."""
+    lens = replace(
+        settings.lens,
+        motion_px=(1.0, 5.0),
+        jpeg_quality=(40, 90),
+        distortion=Distortion((-0.02, -0.01), (0.0, 0.01)),
+        field_px=420.0,  # all but the corners
+    )
+    scene = replace(settings.scene, anisotropy=(0.2, 0.8), light_shape="ring")
+    shaft = replace(settings.shaft, tip="rounded")
+    return replace(settings, lens=lens, scene=scene, shaft=shaft)
+
+
+def test_the_papers_setting_states_no_option(
+    settings: RenderSettings, backgrounds: Mapping[Path, str], camera: Camera
+) -> None:
+    for scene in scenes(settings, backgrounds):
+        assert scene.facts().keys() == {"light", "steels", "occluders", "lens", "tries"}
+        assert scene.facts()["lens"].keys() == {"blur_px", "haze", "vignette", "noise"}
+        for steel in scene.facts()["steels"]:
+            assert steel.keys() == {"grey", "roughness", "scratches", "grain"}
+        assert not any(scene.rolls_deg)
+        assert scene.camera == camera
+    for scene in scenes(with_all_options(settings), backgrounds):
+        facts = json.loads(json.dumps(scene.facts()))
+        assert {"motion_px", "jpeg_quality"} <= facts["lens"].keys()
+        assert all(steel["anisotropy"] >= 0.2 for steel in facts["steels"])
+
+
+def test_the_papers_setting_draws_what_it_always_drew(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    """A draw more or less before these numbers would change every image of a dataset."""
+    first, _, third = scenes(settings, backgrounds, images=3)
+    assert first.background.name == "background-2.jpg"
+    pose = [-10.619591933207042, -2.602097910994317, 39.22558579777766, 85.907104, 302.234711]
+    np.testing.assert_allclose(first.shafts[0].as_array(), pose, rtol=1e-7)
+    assert first.steels[1].grain == pytest.approx(7.23317280814601)
+    assert first.light.strength == pytest.approx(1351.8271357340043)
+    assert (first.sensor_seed, first.tries) == (329035252, 4)
+    assert third.shafts[0].yaw_deg == pytest.approx(176.29930016273093)
+    assert third.steels[0].roughness == pytest.approx(0.13110448640260297)
+    assert (third.sensor_seed, third.tries) == (1524686887, 1)
+
+
+def test_options_leave_the_rest_of_an_image_as_it_is(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    """They have generators of their own; this weak distortion refuses no pose of these images."""
+    plain = scenes(settings, backgrounds)
+    for before, after in zip(plain, scenes(with_all_options(settings), backgrounds), strict=True):
+        same = replace(
+            after,
+            camera=before.camera,
+            steels=tuple(replace(steel, anisotropy=0.0) for steel in after.steels),
+            lens=replace(after.lens, motion_px=(0.0, 0.0), jpeg_quality=None),
+        )
+        assert same == before
+
+
+def test_an_option_leaves_the_draws_of_another(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    every = with_all_options(settings)
+    fewer = replace(every, scene=replace(every.scene, anisotropy=(0.0, 0.0)))
+    for one, other in zip(scenes(every, backgrounds), scenes(fewer, backgrounds), strict=True):
+        assert (one.camera, one.lens) == (other.camera, other.lens)
+        assert one.steels != other.steels
+
+
+def test_cameras_lie_within_their_ranges(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    every = with_all_options(settings)
+    cameras = [scene.camera for scene in scenes(every, backgrounds)]
+    assert len(set(cameras)) == IMAGES
+    for camera in cameras:
+        assert_within(camera.k1, every.lens.distortion.k1)
+        assert_within(camera.k2, every.lens.distortion.k2)
+        assert camera.field_px == 420.0
+
+
+def test_tips_are_in_the_round_field_of_view(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    small = replace(settings, lens=replace(settings.lens, field_px=200.0))
+    for scene in scenes(small, backgrounds):
+        for pose in scene.shafts:
+            centre_px = scene.camera.project(pose.tip_mm) - 149.5
+            assert np.hypot(*centre_px) <= 100
+
+
+def test_a_roll_is_drawn_where_it_shows(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    forceps = replace(settings, shaft=replace(settings.shaft, tip="forceps"))
+    drawn = scenes(forceps, backgrounds)
+    rolls = [roll for scene in drawn for roll in scene.rolls_deg]
+    assert len(rolls) == sum(len(scene.shafts) for scene in drawn)
+    assert min(rolls) < 90
+    assert max(rolls) > 270
+    assert len(set(rolls)) == len(rolls)
+    assert list(drawn[0].facts()["rolls_deg"]) == list(drawn[0].rolls_deg)
+
+
+def test_a_crossing_shaft_passes_before_another_and_changes_no_other(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    single = replace(settings, scene=replace(settings.scene, instruments=(1, 1)))
+    crossed = replace(single, scene=replace(single.scene, crossing_probability=1.0))
+    size = settings.shaft.diameter_mm, settings.shaft.length_mm
+    kept = 0
+    for before, after in zip(
+        scenes(single, backgrounds), scenes(crossed, backgrounds), strict=True
+    ):
+        first, second = after.shafts
+        behind, front = (cylinder_depth(after.camera, pose, *size) for pose in (first, second))
+        hidden = np.isfinite(behind) & (front < behind)
+        assert hidden.any()
+        least = settings.scene.min_visible_px
+        assert (np.isfinite(behind) & ~hidden).sum() >= 0.8 * least  # judged on a coarse grid
+        assert np.isfinite(front).sum() >= 0.8 * least
+        assert len(after.steels) == len(after.rolls_deg) == 2
+        kept += before.shafts[0] == first
+    # Few first shafts, near the camera, let nothing pass before them: these are drawn again.
+    assert kept >= IMAGES / 2
+
+
+def test_crossing_shafts_follow_their_probability(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    counts = {
+        probability: [
+            len(scene.shafts)
+            for scene in scenes(
+                with_scene(instruments=shafts, crossing_probability=probability), backgrounds
+            )
+        ]
+        for probability, shafts in ((0.0, (1, 1)), (0.5, (1, 1)), (1.0, (0, 0)))
+    }
+    assert set(counts[0.0]) == {1}
+    assert set(counts[0.5]) == {1, 2}
+    assert set(counts[1.0]) == {0}  # nothing to cross
+
+
+def test_ranges_in_which_no_shaft_crosses_are_named(
+    settings: RenderSettings, backgrounds: Mapping[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shaftpose.rendering.scene._MOST_REDRAWS", 2)
+    monkeypatch.setattr("shaftpose.rendering.poses._CROSSING_TRIES", 20)
+    # All shafts are parallel, and side by side or one above the other.
+    poses = replace(settings.poses, pitch_deg=(89.9, 90.0), yaw_deg=(0.0, 0.1), z_mm=(20.0, 20.1))
+    scene: SceneSettings = replace(settings.scene, instruments=(1, 1), crossing_probability=1.0)
+    parallel = replace(settings, poses=poses, scene=scene)
+    with pytest.raises(InputError, match=r"scene\.crossing_probability") as caught:
+        scenes(parallel, backgrounds, images=1)
+    assert "\n" not in str(caught.value)

@@ -16,12 +16,13 @@ OUT_OF_VIEW = ShaftPose(200.0, 0.0, 20.0, 90.0, 0.0)
 
 RENDER_SILHOUETTES = """
 import numpy as np
+from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.silhouette import SilhouetteRenderer
 print("before")
 render = SilhouetteRenderer(settings)
 masks = {}
 for name, poses in groups.items():
-    found = render(np.array(poses, dtype=float).reshape(-1, 5))
+    found = render(np.array(poses, dtype=float).reshape(-1, 5), middle_camera(settings))
     masks[name] = np.array(found, dtype=bool).reshape(len(poses), *found[0].shape) if found else []
 np.savez("masks.npz", **masks)
 print("after")

@@ -22,10 +22,10 @@ _TEXT_PX = 13
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
 
 
-def draw_sample(shards: ShardedDataset, key: str, camera: Camera) -> Image:
+def draw_sample(shards: ShardedDataset, key: str) -> Image:
     """A rendered image with its masks (yellow), boxes and poses (green)."""
     outlined = draw_masks(shards.rgb(key), shards.masks(key), FOUND)
-    return draw_annotations(outlined, shards.annotations(key), camera)
+    return draw_annotations(outlined, shards.annotations(key), shards.camera(key))
 
 
 def draw_annotations(image: Image, known: Annotations, camera: Camera, text: bool = True) -> Image:
@@ -43,13 +43,13 @@ def prediction_sheet(
     images: Sequence[Image],
     known: Sequence[Annotations],
     found: Sequence[Detections],
-    camera: Camera,
+    cameras: Sequence[Camera],
     columns: int,
 ) -> Image:
     """Images of one size side by side, with what is there (green) and what was found (yellow)."""
     drawn = [
         draw_detections(draw_annotations(image, there, camera, text=False), detections, camera)
-        for image, there, detections in zip(images, known, found, strict=True)
+        for image, there, detections, camera in zip(images, known, found, cameras, strict=True)
     ]
     return contact_sheet(drawn, columns)
 

@@ -13,16 +13,19 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
+from shaftpose.config import RenderSettings, SceneSettings
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.rendering.cycles_passes import PassReader
 from shaftpose.rendering.materials import GlowMaterial, SteelMaterial, TissueMaterial
-from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box, shaft_mesh
+from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box
+from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.scene import Light, Occluder, Scene
+from shaftpose.rendering.shapes import instrument_shape
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _ROOM_MM = 60.0  # half edge of the cube that carries the background (paper, training dataset)
-_LAMP_X_MM = 2.0  # two light guides beside the lens
+_LAMP_MM = 2.0  # from the lens to a light guide
+_RING_LAMPS = 8
 _LAMP_SIZE_MM = 1.5
 # The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
 _MARGIN_PX = 3
@@ -60,20 +63,23 @@ class Foreground:
 
 
 class Renderer:
-    """Renders scenes. Only one may exist per process: Blender has one open file."""
+    """Renders scenes. Only one may exist per process: Blender has one open file.
+
+    Raises InputError if the settings' CAD file or distortion cannot be used.
+    """
 
     def __init__(self, settings: RenderSettings) -> None:
-        size = settings.camera.size_px
-        self.camera = Camera.from_field_of_view(size, size, settings.camera.view_deg)
+        self._mesh = instrument_shape(settings.shaft).mesh
+        self._pinhole = pinhole_behind(settings)
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
-        _set_up_cycles(self._scene, size, settings.samples)
-        _add_camera(self._scene, settings.camera.view_deg)
-        self._lamps = [_add_lamp(self._scene, side * _LAMP_X_MM) for side in (-1, 1)]
+        _set_up_cycles(self._scene, self._pinhole.width, settings.samples)
+        _add_camera(self._scene, self._pinhole)
+        self._lamps = [_add_lamp(self._scene, *place) for place in _lamp_places(settings.scene)]
         self._glow = _add_room(self._scene)
-        self._mesh = shaft_mesh(settings.shaft.diameter_mm, settings.shaft.length_mm)
         self._data = _blender_mesh("shaft", self._mesh, smooth=True)
         self._shafts: list[Any] = []
+        self._places: list[NDArray[np.float64]] = []  # of the shafts in the scene
         self._steels: list[SteelMaterial] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
@@ -83,18 +89,20 @@ class Renderer:
     def render(self, scene: Scene) -> Foreground | None:
         """The shafts and occluders of a scene; None if there is nothing in view."""
         self._show_background(scene.background, scene.light)
-        self._place_shafts(scene.shafts)
+        self._place_shafts(scene.shafts, scene.rolls_deg)
         for material, steel in zip(self._steels, scene.steels, strict=False):
             material.apply(steel)
         self._place_occluders(scene.occluders)
-        return self._render_region(scene.shafts)
+        return self._render_for(scene.camera)
 
-    def silhouettes(self, poses: Sequence[ShaftPose]) -> NDArray[np.int64]:
-        """(H, W) index of the shaft in front at each pixel's centre, n + 1, or 0."""
-        self._place_shafts(poses)
+    def silhouettes(
+        self, poses: Sequence[ShaftPose], camera: Camera, rolls_deg: Sequence[float] | None = None
+    ) -> NDArray[np.int64]:
+        """(H, W) index of the shaft in front at each pixel's centre of `camera`, n + 1, or 0."""
+        self._place_shafts(poses, rolls_deg or [0.0] * len(poses))
         self._place_occluders(())
-        index = np.zeros((self.camera.height, self.camera.width), dtype=np.int64)
-        foreground = self._render_region(poses)
+        index = np.zeros((camera.height, camera.width), dtype=np.int64)
+        foreground = self._render_for(camera)
         if foreground is not None:
             index[foreground.region.slices] = foreground.index
         return index
@@ -110,13 +118,14 @@ class Renderer:
             lamp.data.energy = light.strength / len(self._lamps)
             lamp.data.color = kelvin_to_rgb(light.kelvin)
 
-    def _place_shafts(self, poses: Sequence[ShaftPose]) -> None:
+    def _place_shafts(self, poses: Sequence[ShaftPose], rolls_deg: Sequence[float]) -> None:
         while len(self._shafts) < len(poses):
             self._add_shaft()
+        self._places = [_pose_matrix(*pair) for pair in zip(poses, rolls_deg, strict=True)]
         for number, shaft in enumerate(self._shafts):
             shaft.hide_render = number >= len(poses)
             if number < len(poses):
-                shaft.matrix_world = _to_blender(_FLIP @ _pose_matrix(poses[number]))
+                shaft.matrix_world = _to_blender(_FLIP @ self._places[number])
 
     def _add_shaft(self) -> None:
         number = len(self._shafts)
@@ -149,29 +158,41 @@ class Renderer:
         self._scene.collection.objects.link(lump)
         return lump, mesh
 
-    def _render_region(self, poses: Sequence[ShaftPose]) -> Foreground | None:
-        region = self._region(poses)
+    def _render_for(self, camera: Camera) -> Foreground | None:
+        """The scene as it is placed, seen by `camera`."""
+        foreground = self._render_region()
+        if foreground is None or camera == self._pinhole:
+            return foreground
+        linear = np.zeros((self._pinhole.height, self._pinhole.width, 4), dtype=np.float32)
+        index = np.zeros(linear.shape[:2], dtype=np.int64)
+        linear[foreground.region.slices] = foreground.linear
+        index[foreground.region.slices] = foreground.index
+        whole = Region(0, 0, camera.width, camera.height)
+        return Foreground(whole, *seen_by(camera, self._pinhole, linear, index))
+
+    def _render_region(self) -> Foreground | None:
+        region = self._region()
         if region is None:
             return None
-        _set_border(self._scene, region, self.camera)
+        _set_border(self._scene, region, self._pinhole)
         passes = self._reader.render()
         index = np.rint(passes["IndexOB"][..., 0]).astype(np.int64)
         index[index == _OCCLUDER_INDEX] = 0
         return Foreground(region, passes["Combined"], index)
 
-    def _region(self, poses: Sequence[ShaftPose]) -> Region | None:
-        placed = [(self._mesh, _pose_matrix(pose)) for pose in poses]
+    def _region(self) -> Region | None:
+        placed = [(self._mesh, place) for place in self._places]
         placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders]
         boxes = []
         for mesh, matrix in placed:
             points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-            boxes.append(projected_box(self.camera, points, mesh.edges))
+            boxes.append(projected_box(self._pinhole, points, mesh.edges))
         found = np.array([box for box in boxes if box is not None])
         if not len(found):
             return None
         low = np.floor(found[:, :2].min(axis=0)).astype(int) - _MARGIN_PX
         high = np.ceil(found[:, 2:].max(axis=0)).astype(int) + _MARGIN_PX
-        width, height = self.camera.width, self.camera.height
+        width, height = self._pinhole.width, self._pinhole.height
         return Region(
             max(int(low[0]), 0), max(int(low[1]), 0),
             min(int(high[0]), width), min(int(high[1]), height),
@@ -190,9 +211,9 @@ def kelvin_to_rgb(kelvin: float) -> tuple[float, float, float]:
     return channels[0], channels[1], channels[2]
 
 
-def _pose_matrix(pose: ShaftPose) -> NDArray[np.float64]:
+def _pose_matrix(pose: ShaftPose, roll_deg: float) -> NDArray[np.float64]:
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.tip_mm
+    matrix[:3, :3], matrix[:3, 3] = pose.rolled(roll_deg), pose.tip_mm
     return matrix
 
 
@@ -228,21 +249,29 @@ def _set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
     cycles.volume_bounces = cycles.transparent_max_bounces = 0
 
 
-def _add_camera(scene: Any, view_deg: float) -> None:
+def _add_camera(scene: Any, pinhole: Camera) -> None:
     data = bpy.data.cameras.new("scope")
     data.sensor_fit = "HORIZONTAL"
-    data.angle = np.radians(view_deg)
+    data.angle = 2 * np.arctan(pinhole.width / (2 * pinhole.focal_px))
     data.clip_start, data.clip_end = 0.1, 1000.0
     camera = bpy.data.objects.new("scope", data)
     scene.collection.objects.link(camera)
     scene.camera = camera
 
 
-def _add_lamp(scene: Any, x_mm: float) -> Any:
+def _lamp_places(scene: SceneSettings) -> list[tuple[float, float]]:
+    """x and y of the light guides around the lens, mm."""
+    if scene.light_shape == "twin":
+        return [(-_LAMP_MM, 0.0), (_LAMP_MM, 0.0)]
+    angles = 2 * np.pi * np.arange(_RING_LAMPS) / _RING_LAMPS
+    return [(_LAMP_MM * float(np.cos(a)), _LAMP_MM * float(np.sin(a))) for a in angles]
+
+
+def _add_lamp(scene: Any, x_mm: float, y_mm: float) -> Any:
     data = bpy.data.lights.new("light guide", "AREA")
     data.shape, data.size = "DISK", _LAMP_SIZE_MM
     lamp = bpy.data.objects.new("light guide", data)
-    lamp.location = (x_mm, 0.0, 0.0)
+    lamp.location = (x_mm, y_mm, 0.0)
     lamp.visible_camera = False
     scene.collection.objects.link(lamp)
     return lamp

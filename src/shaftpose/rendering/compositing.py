@@ -1,9 +1,13 @@
 """From Blender's linear foreground and a background photo to the finished image."""
 
+from itertools import product
+from math import ceil
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.images import decode_rgb, encode_jpeg
 from shaftpose.rendering.scene import Lens
 
 # sRGB to linear for every 8-bit level (IEC 61966-2-1), as a table.
@@ -11,6 +15,7 @@ _LEVELS = np.arange(256) / 255.0
 _TO_LINEAR = np.where(
     _LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4
 ).astype(np.float32)
+_CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
 _HAZE_COLOUR = np.array([214, 208, 204], dtype=np.float32)
 
 
@@ -35,10 +40,16 @@ def composite(
     return np.where(alpha > 0, blended, background_rgb)
 
 
-def apply_lens(rgb: NDArray[np.uint8], lens: Lens, sensor_seed: int) -> NDArray[np.uint8]:
-    """Haze, vignette, defocus and sensor noise, in that order; nothing moves, so boxes, masks and
-    poses stay valid. An all-zero lens returns the image unchanged."""
-    if not any((lens.blur_px, lens.haze, lens.vignette, lens.noise)):
+def apply_lens(
+    rgb: NDArray[np.uint8],
+    lens: Lens,
+    sensor_seed: int,
+    shown: NDArray[np.bool_] | None = None,
+) -> NDArray[np.uint8]:
+    """Haze, vignette, defocus, motion blur, the black around `shown` (H, W), sensor noise and a
+    recorder's compression, in that order; nothing moves, so boxes, masks and poses stay valid. A
+    lens without any of that returns the image unchanged."""
+    if lens == _CLEAN and shown is None:
         return rgb
     rng = np.random.default_rng(sensor_seed)
     image = rgb.astype(np.float32)
@@ -46,8 +57,30 @@ def apply_lens(rgb: NDArray[np.uint8], lens: Lens, sensor_seed: int) -> NDArray[
     image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
     if lens.blur_px > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), lens.blur_px), dtype=np.float32)
+    if any(lens.motion_px):
+        image = np.asarray(cv2.filter2D(image, -1, _way(*lens.motion_px)), dtype=np.float32)
+    if shown is not None:
+        image[~shown] = 0
     image += lens.noise * rng.standard_normal(image.shape, dtype=np.float32)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    seen = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return seen if lens.jpeg_quality is None else _compressed(seen, lens.jpeg_quality)
+
+
+def _way(right_px: float, down_px: float) -> NDArray[np.float32]:
+    """The kernel of a motion blur: a straight way through its centre, so that nothing is moved on
+    the whole; the sum is 1."""
+    half = ceil(max(abs(right_px), abs(down_px)) / 2) + 1
+    steps = np.linspace(-0.5, 0.5, 16 * half + 1)
+    u, v = half + steps * right_px, half + steps * down_px
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
+    for column, row in product((0, 1), repeat=2):
+        x, y = np.floor(u).astype(int) + column, np.floor(v).astype(int) + row
+        np.add.at(kernel, (y, x), (1 - np.abs(u - x)) * (1 - np.abs(v - y)))
+    return kernel / kernel.sum()
+
+
+def _compressed(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    return np.asarray(decode_rgb(encode_jpeg(rgb, quality)), dtype=np.uint8)
 
 
 def _smoke(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:

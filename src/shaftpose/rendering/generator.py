@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import ShaftPose, cylinder_depth, mask_box
+from shaftpose.geometry import cylinder_depth, mask_box
 from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer
 from shaftpose.rendering.compositing import apply_lens, composite
 from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import Instrument, Sample, sample_key
 
 _MOST_DRAWS = 50
@@ -39,47 +40,66 @@ class Generator:
         if foreground is not None:
             where = foreground.region.slices
             rgb[where] = composite(foreground.linear, rgb[where])
+        camera = scene.camera
+        shown = None if camera.field_px is None else np.isfinite(camera.rays()[..., 0])
         return Sample(
             key=sample_key(index),
-            rgb=apply_lens(rgb, scene.lens, scene.sensor_seed),
+            rgb=apply_lens(rgb, scene.lens, scene.sensor_seed, shown),
             instruments=instruments,
-            camera=self._renderer.camera,
+            camera=camera,
             facts=self._facts(scene, index),
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
-        """The first draw that shows enough of every shaft. The sampler saw to that on a coarse
-        grid and without occluders, so all but occluded images take the first."""
-        least = self._settings.scene.min_visible_px
+        """The first draw that shows enough of every shaft and, of those with an occluder, hides as
+        much as it shall. The sampler saw to the former on a coarse grid and without occluders, so
+        all but occluded images take the first."""
+        least, (low, high) = (
+            self._settings.scene.min_visible_px,
+            self._settings.scene.occluder_coverage,
+        )
         for scene in islice(self._sampler.candidates(index), _MOST_DRAWS):
             foreground = self._renderer.render(scene)
-            masks = self._masks(scene, foreground)
-            if all(mask.sum() >= least for mask in masks):
-                found = map(self._instrument, scene.shafts, masks)
-                return scene, foreground, tuple(found)
+            masks = _masks(scene, foreground)
+            if any(mask.sum() < least for mask in masks):
+                continue
+            found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
+            # Occluders stand before the first shafts, one each.
+            hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
+            if all(low <= share <= high for share in hidden):
+                return scene, foreground, found
         raise InputError(
-            f"image {index}: a shaft shows fewer than scene.min_visible_px = {least} px in each "
-            f"of {_MOST_DRAWS} draws; lower it, or scene.occluder_probability, in params.yaml"
+            f"image {index}: in each of {_MOST_DRAWS} draws a shaft shows fewer than "
+            f"scene.min_visible_px = {least} px, or its occluder leaves "
+            f"scene.occluder_coverage = [{low:g}, {high:g}]; widen them in params.yaml, or lower "
+            "scene.occluder_probability"
         )
 
-    def _masks(self, scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:
-        """The visible pixels (H, W) of each shaft."""
-        camera = self._renderer.camera
-        index = np.zeros((camera.height, camera.width), dtype=np.int64)
-        if foreground is not None:
-            index[foreground.region.slices] = foreground.index
-        return [index == number + 1 for number in range(len(scene.shafts))]
-
-    def _instrument(self, pose: ShaftPose, mask: NDArray[np.bool_]) -> Instrument:
+    def _instrument(self, scene: Scene, number: int, mask: NDArray[np.bool_]) -> Instrument:
         """The annotation of one shaft whose visible mask is not empty."""
-        shaft = self._settings.shaft
-        depth = cylinder_depth(self._renderer.camera, pose, shaft.diameter_mm, shaft.length_mm)
-        # Mesh and cylinder may differ by a pixel on the edge: what is visible is also there.
-        amodal = np.isfinite(depth) | mask
+        # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
+        amodal = self._whole(scene, number) | mask
         visible, whole = int(mask.sum()), int(amodal.sum())
         return Instrument(
-            pose, mask, mask_box(mask), mask_box(amodal), visible / whole, visible, whole
+            pose=scene.shafts[number],
+            mask=mask,
+            box=mask_box(mask),
+            amodal_box=mask_box(amodal),
+            visible_fraction=visible / whole,
+            visible_px=visible,
+            amodal_px=whole,
+            roll_deg=scene.rolls_deg[number],
         )
+
+    def _whole(self, scene: Scene, number: int) -> NDArray[np.bool_]:
+        """All pixels (H, W) of a shaft, hidden ones too: by geometry, or rendered alone."""
+        pose, shape = scene.shafts[number], instrument_shape(self._settings.shaft)
+        if shape.is_rod:
+            return np.isfinite(
+                cylinder_depth(scene.camera, pose, shape.diameter_mm, shape.length_mm)
+            )
+        rolls = (scene.rolls_deg[number],)
+        return self._renderer.silhouettes([pose], scene.camera, rolls) == 1
 
     def _facts(self, scene: Scene, index: int) -> dict[str, object]:
         background = scene.background
@@ -90,6 +110,14 @@ class Generator:
             "index": index,
             **scene.facts(),
         }
+
+
+def _masks(scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:
+    """The visible pixels (H, W) of each shaft."""
+    index = np.zeros((scene.camera.height, scene.camera.width), dtype=np.int64)
+    if foreground is not None:
+        index[foreground.region.slices] = foreground.index
+    return [index == number + 1 for number in range(len(scene.shafts))]
 
 
 def read_background(path: Path, size_px: int) -> NDArray[np.uint8]:

@@ -18,6 +18,7 @@ from pathlib import Path
 import shaftpose
 from shaftpose.config import RenderSettings, from_json, to_json
 from shaftpose.errors import InputError
+from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import is_whole, shard_name
 
 # Code that determines the bytes of a shard, relative to the package.
@@ -39,10 +40,15 @@ class RenderedSet:
     images_per_shard: int
 
     def fingerprint(self) -> str:
-        """Hexadecimal digest of all that determines the images: settings, seed, the bytes of the
-        backgrounds, and `software`."""
+        """Hexadecimal digest of all that determines the images: settings, seed, the instrument's
+        mesh, the bytes of the backgrounds, and `software`.
+
+        Raises InputError if the settings name a CAD file that cannot be used.
+        """
         digest = hashlib.sha256(to_json(self.settings).encode())
         digest.update(f"{self.seed} {self.images} {self.images_per_shard}".encode())
+        mesh = instrument_shape(self.settings.shaft).mesh
+        digest.update(mesh.vertices.tobytes() + mesh.edges.tobytes())
         digest.update(software().encode())
         for path, source in self.backgrounds.items():
             digest.update(f"{path.name} {source}".encode() + path.read_bytes())

@@ -46,6 +46,8 @@ class SteelMaterial:
         grey = (steel.grey, steel.grey, steel.grey * 0.98, 1.0)
         self._shader.inputs["Base Color"].default_value = grey
         self._shader.inputs["Roughness"].default_value = steel.roughness
+        # Around the axis: without another tangent, Cycles takes that about the object's z.
+        self._shader.inputs["Anisotropic"].default_value = steel.anisotropy
         self._normal_map.inputs["Strength"].default_value = steel.scratches
         self._mapping.inputs["Scale"].default_value = (0.1, steel.grain / 100, 1.0)
 

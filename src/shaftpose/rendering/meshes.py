@@ -1,6 +1,9 @@
-"""Meshes as plain arrays: the shaft, lumps of tissue, and the box a mesh projects to."""
+"""Meshes as plain arrays: rods, lumps of tissue, and the box a mesh projects to."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +24,7 @@ class Mesh:
     faces: tuple[tuple[int, ...], ...]
     uv: Array
 
-    @property
+    @cached_property
     def edges(self) -> NDArray[np.int64]:
         """(E, 2) vertex indices of all edges."""
         pairs = [
@@ -32,23 +35,52 @@ class Mesh:
 
 def shaft_mesh(diameter_mm: float, length_mm: float) -> Mesh:
     """A rod in the shaft frame: tip at the origin, handle at +z; u around, v along in mm."""
+    return revolved_mesh(np.array([[diameter_mm / 2, 0.0], [diameter_mm / 2, length_mm]]))
+
+
+def revolved_mesh(profile_mm: Array) -> Mesh:
+    """The closed body that a profile (P, 2) of radius and z, from the tip on, makes around z."""
     angles = 2 * np.pi * np.arange(SIDES) / SIDES
-    ring = diameter_mm / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    tip = np.column_stack([ring, np.zeros(SIDES)])
-    handle = np.column_stack([ring, np.full(SIDES, length_mm)])
-    sides = tuple((n, (n + 1) % SIDES, (n + 1) % SIDES + SIDES, n + SIDES) for n in range(SIDES))
-    caps = (tuple(range(SIDES))[::-1], tuple(range(SIDES, 2 * SIDES)))
-    return Mesh(np.concatenate([tip, handle]), sides + caps, _shaft_uv(diameter_mm, length_mm))
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rings = [np.column_stack([radius * circle, np.full(SIDES, z)]) for radius, z in profile_mm]
+    sides = tuple(
+        (start + n, start + (n + 1) % SIDES, start + (n + 1) % SIDES + SIDES, start + n + SIDES)
+        for start in range(0, SIDES * (len(rings) - 1), SIDES)
+        for n in range(SIDES)
+    )
+    last = SIDES * (len(rings) - 1)
+    caps = (tuple(range(SIDES))[::-1], tuple(range(last, last + SIDES)))
+    return Mesh(np.concatenate(rings), sides + caps, _revolved_uv(profile_mm, circle))
 
 
-def _shaft_uv(diameter_mm: float, length_mm: float) -> Array:
+def _revolved_uv(profile_mm: Array, circle: Array) -> Array:
     """UV of the sides unrolled and of the caps seen from above, both in mm."""
-    u = np.pi * diameter_mm * np.arange(SIDES + 1) / SIDES
-    sides = [[(u[n], 0), (u[n + 1], 0), (u[n + 1], length_mm), (u[n], length_mm)]
-             for n in range(SIDES)]  # fmt: skip
-    angles = 2 * np.pi * np.arange(SIDES) / SIDES
-    cap = diameter_mm / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return np.concatenate([np.array(sides).reshape(-1, 2), cap[::-1], cap])
+    u = np.pi * 2 * profile_mm[:, 0].max() * np.arange(SIDES + 1) / SIDES
+    v = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile_mm, axis=0), axis=1))])
+    sides = [[(u[n], v[p]), (u[n + 1], v[p]), (u[n + 1], v[p + 1]), (u[n], v[p + 1])]
+             for p in range(len(v) - 1) for n in range(SIDES)]  # fmt: skip
+    tip, handle = profile_mm[0, 0] * circle, profile_mm[-1, 0] * circle
+    return np.concatenate([np.array(sides).reshape(-1, 2), tip[::-1], handle])
+
+
+def wrapped_uv(vertices: Array, faces: Sequence[tuple[int, ...]]) -> Array:
+    """UV in mm for a mesh of any shape along z: each face unrolled around the axis at its own mean
+    distance, but for faces across it, which are seen from above."""
+    sizes = np.array([len(face) for face in faces])
+    starts = np.cumsum(sizes) - sizes
+    corners = vertices[np.fromiter(chain.from_iterable(faces), dtype=np.int64)]
+    following = np.arange(1, len(corners) + 1)
+    following[starts + sizes - 1] = starts
+    # Newell's formula: normals of faces of any number of corners.
+    normals = np.add.reduceat(np.cross(corners, corners[following]), starts)
+    across = np.abs(normals[:, 2]) > 0.7 * np.linalg.norm(normals, axis=1)
+    angles = np.arctan2(corners[:, 1], corners[:, 0])
+    # A face on the seam, at half a turn, shall not span the whole way round.
+    first = np.repeat(angles[starts], sizes)
+    angles = first + (angles - first + np.pi) % (2 * np.pi) - np.pi
+    radii = np.add.reduceat(np.hypot(corners[:, 0], corners[:, 1]), starts) / sizes
+    unrolled = np.column_stack([np.repeat(radii, sizes) * angles, corners[:, 2]])
+    return np.where(np.repeat(across, sizes)[:, None], corners[:, :2], unrolled)
 
 
 def lump_mesh(radii_mm: tuple[float, float, float], shape_seed: int) -> Mesh:

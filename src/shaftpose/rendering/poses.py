@@ -17,15 +17,16 @@ from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, segment_distan
 MOST_TRIES = 10_000
 # Visibility is judged on every fourth pixel in each direction: exact enough for a threshold.
 _STRIDE = 4
+_CROSSING_TRIES = 200
 
 
 class Refusal(Enum):
     """Why poses are drawn again, and the settings of params.yaml that decide it."""
 
-    TIP = "a tip outside the image (poses.x_mm, poses.y_mm, poses.z_mm, camera.view_deg)"
-    LENS = "a shaft that cuts the lens (scene.lens_radius_mm, poses.z_mm, poses.pitch_deg)"
-    CUT = "shafts that cut each other (scene.instruments, shaft.diameter_mm)"
-    UNSEEN = "too few pixels in view (scene.min_visible_px, scene.instruments, shaft.diameter_mm)"
+    TIP = "a tip outside the image (poses.x_mm, poses.y_mm, poses.z_mm, camera.view_deg, lens)"
+    LENS = "a shaft that cuts the lens (scene.lens_radius_mm, poses.z_mm, poses.pitch_deg, shaft)"
+    CUT = "shafts that cut each other (scene.instruments, shaft)"
+    UNSEEN = "too few pixels in view (scene.min_visible_px, scene.instruments, shaft)"
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,16 @@ class PoseSampler:
             "change the settings named first"
         )
 
+    def crossing(self, rng: np.random.Generator, poses: tuple[ShaftPose, ...]) -> ShaftPose | None:
+        """A further shaft that passes before one of `poses`, all being acceptable together; None
+        if none is found in a bounded number of draws."""
+        behind = np.stack([self._depth(pose) for pose in poses])
+        for _ in range(_CROSSING_TRIES):
+            pose = self._draw(rng)
+            if self._refusal([*poses, pose]) is None and self._hides_a_part(pose, behind):
+                return pose
+        return None
+
     def _draw(self, rng: np.random.Generator) -> ShaftPose:
         return ShaftPose.from_array(rng.uniform(self.ranges.low, self.ranges.high))
 
@@ -79,8 +90,7 @@ class PoseSampler:
         return None if self._enough_visible(poses) else Refusal.UNSEEN
 
     def _tip_in_view(self, pose: ShaftPose) -> bool:
-        u, v = self.camera.project(pose.tip_mm)
-        return bool(0 <= u < self.camera.width and 0 <= v < self.camera.height)
+        return bool(self.camera.shows(self.camera.project(pose.tip_mm)))
 
     def _axis(self, pose: ShaftPose) -> tuple[np.ndarray, np.ndarray]:
         return pose.tip_mm, pose.tip_mm + self.shaft.length_mm * pose.direction
@@ -100,8 +110,15 @@ class PoseSampler:
     def _enough_visible(self, poses: list[ShaftPose]) -> bool:
         if not poses:
             return True
-        size = self.shaft.diameter_mm, self.shaft.length_mm
-        depths = np.stack([cylinder_depth(self.camera, p, *size, _STRIDE) for p in poses])
+        depths = np.stack([self._depth(pose) for pose in poses])
         nearest = np.argmin(depths, axis=0)
         seen = [np.sum((nearest == n) & np.isfinite(depths[n])) for n in range(len(poses))]
         return min(seen) * _STRIDE**2 >= self.scene.min_visible_px
+
+    def _hides_a_part(self, pose: ShaftPose, behind: np.ndarray) -> bool:
+        """Whether a shaft is before others somewhere, whose depths (N, h, w) are known."""
+        return bool(np.any((self._depth(pose) < behind) & np.isfinite(behind)))
+
+    def _depth(self, pose: ShaftPose) -> np.ndarray:
+        size = self.shaft.diameter_mm, self.shaft.length_mm
+        return cylinder_depth(self.camera, pose, *size, _STRIDE)

@@ -1,18 +1,32 @@
 """What one image shows, described apart from the renderer; sampled from one generator.
 
-Image k of a dataset is drawn from `SeedSequence([dataset_seed, k])` and from nothing else.
+Image k of a dataset is drawn from `SeedSequence([dataset_seed, k])` and from nothing else. What the
+paper's setting lacks has children of that sequence of its own: such an option leaves the rest of
+the image as it is.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, dataclass, fields, replace
+from math import cos, sin
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from shaftpose.config import LensSettings, Range, RenderSettings, SceneSettings, ShaftSettings
+from shaftpose.config import (
+    LensSettings,
+    Range,
+    RenderSettings,
+    SceneSettings,
+    ShaftSettings,
+)
+from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose
-from shaftpose.rendering.poses import PoseSampler
+from shaftpose.rendering.optics import camera_with
+from shaftpose.rendering.poses import PoseSampler, SampledPoses
+from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
+
+_MOST_REDRAWS = 100
 
 
 @dataclass(frozen=True)
@@ -23,6 +37,7 @@ class Steel:
     roughness: float
     scratches: float
     grain: float  # how densely the scratches lie along the shaft
+    anisotropy: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -54,14 +69,18 @@ class Lens:
     haze: float
     vignette: float
     noise: float
+    motion_px: tuple[float, float] = (0.0, 0.0)  # right and down
+    jpeg_quality: int | None = None
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One image."""
+    """One image; `rolls_deg` turn shafts about their own axes, where that can be seen."""
 
     background: Path
+    camera: Camera
     shafts: tuple[ShaftPose, ...]
+    rolls_deg: tuple[float, ...]
     steels: tuple[Steel, ...]
     light: Light
     occluders: tuple[Occluder, ...]
@@ -70,14 +89,40 @@ class Scene:
     tries: int
 
     def facts(self) -> dict[str, Any]:
-        """All but poses and background as plain values, for shaft.json."""
-        return {
-            "light": asdict(self.light),
-            "steels": [asdict(steel) for steel in self.steels],
-            "occluders": [asdict(occluder) for occluder in self.occluders],
-            "lens": asdict(self.lens),
+        """All but poses, background and camera as plain values, for shaft.json; options that are
+        off are left out."""
+        facts: dict[str, Any] = {
+            "light": _stated(self.light),
+            "steels": [_stated(steel) for steel in self.steels],
+            "occluders": [_stated(occluder) for occluder in self.occluders],
+            "lens": _stated(self.lens),
             "tries": self.tries,
         }
+        return facts | ({"rolls_deg": self.rolls_deg} if any(self.rolls_deg) else {})
+
+
+def _stated(part: Any) -> dict[str, Any]:
+    """A part of a scene as plain values, without those that are the default."""
+    values = {field: getattr(part, field.name) for field in fields(part)}
+    return {
+        f.name: value for f, value in values.items() if f.default is MISSING or value != f.default
+    }
+
+
+@dataclass(frozen=True)
+class _Draws:
+    """The generators of one image: `paper` for what the paper's setting has, else one a subject."""
+
+    paper: np.random.Generator
+    camera: np.random.Generator
+    crossing: np.random.Generator
+    surface: np.random.Generator
+    lens: np.random.Generator
+
+    @classmethod
+    def of_image(cls, seed: int, index: int) -> "_Draws":
+        own = np.random.SeedSequence([seed, index])
+        return cls(*(np.random.default_rng(sequence) for sequence in (own, *own.spawn(4))))
 
 
 @dataclass(frozen=True)
@@ -90,26 +135,65 @@ class SceneSampler:
 
     def candidates(self, index: int) -> Iterator[Scene]:
         """Successive draws for image `index`, for whoever must refuse some of them."""
-        rng = np.random.default_rng(np.random.SeedSequence([self.seed, index]))
+        draws = _Draws.of_image(self.seed, index)
         while True:
-            yield self._draw(rng)
+            yield self._draw(draws)
 
-    def _draw(self, rng: np.random.Generator) -> Scene:
-        settings = self.settings
-        camera = settings.camera
-        view = Camera.from_field_of_view(camera.size_px, camera.size_px, camera.view_deg)
+    def _draw(self, draws: _Draws) -> Scene:
+        settings, rng = self.settings, draws.paper
+        rod = surrounding_rod(settings.shaft)
+        camera = sample_camera(draws.camera, settings)
         background = self.backgrounds[int(rng.integers(len(self.backgrounds)))]
-        sampled = PoseSampler(view, settings.poses, settings.shaft, settings.scene)(rng)
+        sampler = PoseSampler(camera, settings.poses, rod, settings.scene)
+        sampled, crossing = self._sample_poses(draws, sampler)
+        steels = [sample_steel(rng, settings.scene) for _ in sampled.poses]
+        steels += [sample_steel(draws.crossing, settings.scene) for _ in crossing]
+        rolls = draws.surface.uniform(0, 360, len(steels))
         return Scene(
             background=background,
-            shafts=sampled.poses,
-            steels=tuple(sample_steel(rng, settings.scene) for _ in sampled.poses),
+            camera=camera,
+            shafts=sampled.poses + crossing,
+            rolls_deg=tuple(0.0 if self._revolved else float(roll) for roll in rolls),
+            steels=tuple(
+                replace(steel, anisotropy=_uniform(draws.surface, settings.scene.anisotropy))
+                for steel in steels
+            ),
             light=sample_light(rng, settings.scene),
-            occluders=sample_occluders(rng, sampled.poses, settings.scene, settings.shaft),
-            lens=sample_lens(rng, settings.lens),
+            occluders=sample_occluders(rng, sampled.poses, settings.scene, rod),
+            lens=sample_lens(rng, draws.lens, settings.lens),
             sensor_seed=int(rng.integers(2**31)),
             tries=sampled.tries,
         )
+
+    @property
+    def _revolved(self) -> bool:
+        return instrument_shape(self.settings.shaft).revolved
+
+    def _sample_poses(
+        self, draws: _Draws, sampler: PoseSampler
+    ) -> tuple[SampledPoses, tuple[ShaftPose, ...]]:
+        """The image's shafts and, with the settings' probability, one that crosses before them.
+
+        An image without shafts has nothing to cross. Raises InputError if no shaft crosses.
+        """
+        wanted = draws.crossing.random() < self.settings.scene.crossing_probability
+        for _ in range(_MOST_REDRAWS):
+            sampled = sampler(draws.paper)
+            if not wanted or not sampled.poses:
+                return sampled, ()
+            crossing = sampler.crossing(draws.crossing, sampled.poses)
+            if crossing is not None:
+                return sampled, (crossing,)
+        raise InputError(
+            "params.yaml: scene.crossing_probability: within `poses` no shaft was found that "
+            f"passes before one of {_MOST_REDRAWS} others; widen the ranges, or set it to 0"
+        )
+
+
+def sample_camera(rng: np.random.Generator, settings: RenderSettings) -> Camera:
+    """A camera whose distortion lies within the settings' ranges."""
+    distortion = settings.lens.distortion
+    return camera_with(settings, _uniform(rng, distortion.k1), _uniform(rng, distortion.k2))
 
 
 def sample_steel(rng: np.random.Generator, scene: SceneSettings) -> Steel:
@@ -131,13 +215,18 @@ def sample_light(rng: np.random.Generator, scene: SceneSettings) -> Light:
     )
 
 
-def sample_lens(rng: np.random.Generator, lens: LensSettings) -> Lens:
-    """Effects of lens, air and sensor within the settings' ranges."""
+def sample_lens(rng: np.random.Generator, further: np.random.Generator, lens: LensSettings) -> Lens:
+    """Effects of lens, air and sensor within the settings' ranges; motion and the recorder's
+    compression are drawn from `further`."""
+    way_px, angle = _uniform(further, lens.motion_px), float(further.uniform(0, np.pi))
+    quality = lens.jpeg_quality
     return Lens(
         blur_px=_uniform(rng, lens.blur_px),
         haze=_uniform(rng, lens.haze),
         vignette=_uniform(rng, lens.vignette),
         noise=_uniform(rng, lens.noise),
+        motion_px=(way_px * cos(angle), way_px * sin(angle)),
+        jpeg_quality=None if quality is None else int(further.integers(quality[0], quality[1] + 1)),
     )
 
 

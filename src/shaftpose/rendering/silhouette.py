@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings
-from shaftpose.geometry import ShaftPose
+from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.rendering.blender import Renderer
 
 
@@ -22,11 +22,12 @@ class SilhouetteRenderer:
         with blender_output_hidden():
             self._renderer = Renderer(replace(settings, samples=1))
 
-    def __call__(self, poses: NDArray[np.float64]) -> list[NDArray[np.bool_]]:
-        """A mask (H, W) for each of the poses (N, 5); nearer shafts hide farther ones."""
+    def __call__(self, poses: NDArray[np.float64], camera: Camera) -> list[NDArray[np.bool_]]:
+        """A mask (H, W) of what `camera` sees for each of the poses (N, 5); nearer shafts hide
+        farther ones. An instrument on which a roll shows has the roll 0."""
         shafts: Sequence[ShaftPose] = [ShaftPose.from_array(pose) for pose in poses]
         with blender_output_hidden():
-            index = self._renderer.silhouettes(shafts)
+            index = self._renderer.silhouettes(shafts, camera)
         return [index == number + 1 for number in range(len(shafts))]
 
 
