@@ -73,7 +73,7 @@ def draw(images: list[ImageFacts], settings: RenderSettings, out: Path) -> dict[
     camera = Camera.from_field_of_view(size_px, size_px, view_deg)
     shards = ShardedDataset(RENDERED / "images")
     keys = spread(shards.keys, DRAWN_IMAGES)
-    sheet = contact_sheet([draw_sample(shards, key, camera) for key in keys], COLUMNS)
+    sheet = contact_sheet([draw_sample(shards, key) for key in keys], COLUMNS)
     write_jpeg(sheet, out / pictures["Images"], quality=88)
     return pictures
 
