@@ -19,7 +19,7 @@ from shaftpose.network.heads import ArchitectureD
 from shaftpose.network.inception_v4 import InceptionV4Features
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
-from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.pose_coding import RegressionCoder
 from shaftpose.network.shaft_network import ShaftNetwork
 
 SIDE, BATCH, STEPS = 299, 4, 3
@@ -56,7 +56,7 @@ def build_module() -> ShaftModule:
     """A tiny network. Its batch normalisation keeps to fixed statistics: those of a batch would
     differ between ranks, and torch has none over all ranks on a CPU."""
     torch.manual_seed(0)
-    coder = PoseCoder(tuple(LOW), tuple(HIGH))
+    coder = RegressionCoder(tuple(LOW), tuple(HIGH))
     network = ShaftNetwork(InceptionV4Features(0.04), ArchitectureD, coder)
     for layer in network.modules():
         if isinstance(layer, nn.BatchNorm2d):
