@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from hydra.utils import instantiate
-from settings import size
+from settings import parse_variant, size
 from stage import Config
 
 from shaftpose.config import PoseRanges, Variant, parse
@@ -11,20 +11,14 @@ from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
 from shaftpose.network.shaft_network import ShaftNetwork
 
-BUILT = ("head", "pose_coder")  # what of a variant's file names classes
-
 
 def variant(config: Config) -> Variant:
     """What distinguishes the chosen variant, checked."""
-    file = f"conf/variant/{config['variant_file']}.yaml"
-    for part in BUILT:
-        if part not in config["variant"]:
-            raise InputError(f"{file}: {part} is missing; take it over from another variant")
-    values = {key: value for key, value in config["variant"].items() if key not in BUILT}
-    chosen = parse(Variant, values, file)
-    if chosen.name != config["variant_file"]:
+    file = config["variant_file"]
+    chosen = parse_variant(config["variant"], file)
+    if chosen.name != file:
         raise InputError(
-            f"{file}: name = {chosen.name!r}: must be the file's name, for outputs bear it"
+            f"conf/variant/{file}.yaml: name = {chosen.name!r}: must be the file's name, for outputs bear it"
         )
     return chosen
 

@@ -21,6 +21,8 @@ from shaftpose.config import (
 )
 from shaftpose.errors import InputError
 
+_BUILT = ("head", "pose_coder")  # what of a variant's file names classes
+
 Config = dict[str, Any]
 
 
@@ -53,7 +55,7 @@ def check(config: Config) -> None:
 
 
 def check_variant(name: str) -> None:
-    """Parse the file of a variant, but for its head, which Hydra builds.
+    """Parse the file of a variant.
 
     Raises InputError if there is no such file or a value is wrong.
     """
@@ -61,8 +63,19 @@ def check_variant(name: str) -> None:
     if not path.is_file():
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
         raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
-    values = yaml.safe_load(path.read_text())
-    parse(Variant, {k: v for k, v in values.items() if k != "head"}, f"conf/variant/{name}.yaml")
+    parse_variant(yaml.safe_load(path.read_text()), name)
+
+
+def parse_variant(values: Mapping[str, Any], file: str) -> Variant:
+    """What distinguishes the variant of conf/variant/`file`.yaml, but for what Hydra builds.
+
+    Raises InputError if a part is missing or a value is wrong.
+    """
+    where = f"conf/variant/{file}.yaml"
+    for part in _BUILT:
+        if part not in values:
+            raise InputError(f"{where}: {part} is missing; take it over from another variant")
+    return parse(Variant, {k: v for k, v in values.items() if k not in _BUILT}, where)
 
 
 def size(config: Config) -> Size:
