@@ -70,7 +70,7 @@ def test_an_unknown_variant_in_the_list_does_not_wait_for_its_training(
     run: Run, tmp_path: Path
 ) -> None:
     line = complaint(run, "pipelines/backgrounds.py", f"out={tmp_path}", "variants=[d,z]")
-    assert line.startswith("error: params.yaml: variants: 'z': unknown; choose from c, d, ")
+    assert line.startswith("error: params.yaml: variants: 'z': unknown; choose from b, c, d, ")
 
 
 def test_empty_background_folder(run: Run, tmp_path: Path) -> None:
