@@ -59,6 +59,36 @@ def streaks(
     return sample(np.asarray(straight, np.float32), (along + 1) * scale, (across + 1) * scale)
 
 
+def lobules(rng: np.random.Generator, size_px: int, cells: float) -> Field:
+    """Rounded cells side by side, `cells` along a side: 1 at their centres, falling to their seams.
+
+    The distance to the nearest of randomly strewn centres (Worley's F1), space bent by noise.
+    """
+    side_px = size_px + size_px // 4
+    free = np.full((side_px, side_px), 255, dtype=np.uint8)
+    across = int(np.ceil(1.25 * cells))
+    ticks = np.arange(across)
+    centres = np.stack(np.meshgrid(ticks, ticks), axis=-1) + rng.uniform(0, 1, (across, across, 2))
+    column, row = np.clip(centres * size_px / cells, 0, side_px - 1).astype(int).reshape(-1, 2).T
+    free[row, column] = 0
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(1.3 * cells / size_px)
+    x, y = pixel_grid(size_px)
+    bend = np.float32(0.2 / cells)
+    x_px = (x + bend * smooth_noise(rng, size_px, 1.2 * cells)) * size_px + side_px / 2
+    y_px = (y + bend * smooth_noise(rng, size_px, 1.2 * cells)) * size_px + side_px / 2
+    return 1 - sample(np.asarray(distance**2, np.float32), x_px, y_px)
+
+
+def web(rng: np.random.Generator, size_px: int, cells: float, width: float) -> Field:
+    """Thin lines in [0, 1] where smooth noise crosses zero, broken where a second noise is low."""
+    level = smooth_noise(rng, size_px, cells) + np.float32(0.35) * smooth_noise(
+        rng, size_px, 2.3 * cells
+    )
+    slope = np.hypot(*np.gradient(level, 1 / size_px)) + np.float32(0.5 * cells)
+    line = np.exp(-((level / (slope * np.float32(width))) ** 2))
+    return np.asarray(line * smoothstep(smooth_noise(rng, size_px, cells), -0.4, 0.9), np.float32)
+
+
 def sample(field: Field, x_px: Field, y_px: Field) -> Field:
     """`field` at fractional pixel positions, mirrored at its borders."""
     found = cv2.remap(field, x_px, y_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)

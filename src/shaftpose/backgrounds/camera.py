@@ -1,0 +1,35 @@
+"""The endoscope's camera: automatic exposure, lens, sensor and the sharpening of its processor."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.backgrounds.noise import Field, blurred
+
+Image = NDArray[np.float32]
+GAMMA = 2.2
+HIGHLIGHT = np.array([0.93, 0.97, 1.0], dtype=np.float32)
+
+
+def expose(lit: Image, brightness: float) -> Image:
+    """Scaled as the camera's automatic exposure does, bright parts rolled off."""
+    target = brightness**GAMMA
+    scaled = lit * np.float32(target / max(float(lit.mean()), 1e-6))
+    return np.asarray(1 - np.exp(-scaled * (1 + np.float32(0.3) * scaled)), np.float32)
+
+
+def add_highlights(lit: Image, shine: Field) -> Image:
+    """Bluish white highlights with a faint bloom around them."""
+    glow = shine + np.float32(0.15) * blurred(shine, 0.006) + np.float32(0.1) * blurred(shine, 0.03)
+    return np.asarray(lit + glow[..., None] * HIGHLIGHT, np.float32)
+
+
+def develop(rng: np.random.Generator, linear_image: Image, height: Field) -> NDArray[np.uint8]:
+    """(S, S, 3) uint8 sRGB: defocus before and behind one height, gamma, noise, sharpening."""
+    size_px = linear_image.shape[0]
+    sharp = cv2.GaussianBlur(np.minimum(linear_image, 1.5), (0, 0), rng.uniform(0.4, 0.9) * size_px / 311)
+    encoded = 255 * np.clip(sharp, 0, 1) ** np.float32(1 / GAMMA)
+    noise = rng.standard_normal(encoded.shape, dtype=np.float32)
+    encoded += np.float32(rng.uniform(0.5, 2.5)) * cv2.GaussianBlur(noise, (0, 0), 0.6)
+    encoded += np.float32(rng.uniform(0, 1.2)) * (encoded - cv2.GaussianBlur(encoded, (0, 0), 1.2))
+    return np.asarray(np.clip(np.round(encoded), 0, 255), np.uint8)
