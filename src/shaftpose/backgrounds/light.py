@@ -8,7 +8,7 @@ from shaftpose.backgrounds.relief import VIEW
 
 Vectors = NDArray[np.float32]
 # Exponents on the light that faces the surface: less contrast in red, which scatters furthest.
-SCATTER = (0.85, 1.2, 1.15)
+SCATTER = (0.85, 1.3, 1.25)
 # How far light travels beneath the surface, in image sides, in red; the other colours far less.
 SCATTER_LENGTH = 0.008
 
@@ -64,15 +64,15 @@ def wet_shine(
     The GGX lobe about the direction halfway between eye and lamp; `share` of the image saturates.
     """
     size_px = height.shape[0]
-    cells = rng.uniform(8, 40)
-    ripples = np.float32(rng.uniform(0.02, 0.06) / cells) * fractal_noise(
+    cells = rng.uniform(4, 24)
+    ripples = np.float32(rng.uniform(0.01, 0.04) / cells) * fractal_noise(
         rng, size_px, cells, octaves=3, gain=0.6
     )
     mirror = np.clip(np.sum(normals(height + ripples) * unit(half), axis=-1), 0, 1)
     roughness = np.float32(rng.uniform(0.08, 0.2) ** 4)
     lobe = (roughness / (mirror**2 * (roughness - 1) + 1)) ** 2 / roughness
     # The film is not everywhere, and far from the lamp it mirrors less light.
-    lobe *= np.exp(np.float32(0.8) * smooth_noise(rng, size_px, 4)) / square
+    lobe *= np.exp(np.float32(1.2) * smooth_noise(rng, size_px, 3)) / square
     edge = float(np.quantile(lobe[::2, ::2], 1 - share))
     return np.minimum(lobe / np.float32(max(edge, 1e-6)), 4)
 

@@ -52,7 +52,7 @@ def streaks(
     grid = rng.standard_normal(shape).astype(np.float32)
     straight = cv2.resize(grid, (canvas_px, canvas_px), interpolation=cv2.INTER_CUBIC)
     x, y = pixel_grid(size_px)
-    bend = np.float32(0.05) * fractal_noise(rng, size_px, 1.5, octaves=2)
+    bend = np.float32(0.06) * fractal_noise(rng, size_px, 1.5, octaves=3, gain=0.4)
     along = np.float32(np.cos(angle)) * x + np.float32(np.sin(angle)) * y
     across = np.float32(np.cos(angle)) * y - np.float32(np.sin(angle)) * x + bend
     scale = np.float32(size_px)

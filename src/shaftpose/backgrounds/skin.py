@@ -87,7 +87,7 @@ def pebbles(rng: np.random.Generator, size_px: int) -> Field:
     cells = rng.uniform(10, 35)
     rough = smoothstep(smooth_noise(rng, size_px, 2), -1.2, 1.5)
     # Slopes, not heights, are seen: finer unevenness is lower.
-    height = np.float32(rng.uniform(0.005, 0.04) / cells)
+    height = np.float32(rng.uniform(0.003, 0.03) / cells)
     return height * rough * fractal_noise(rng, size_px, cells, octaves=3, gain=0.5)
 
 
@@ -107,7 +107,7 @@ def with_fat(rng: np.random.Generator, colour: Image, fat: Colour | Image) -> tu
 
 def fibres(rng: np.random.Generator, size_px: int, grain: float) -> Field:
     """(S, S) around 0: the lighter and darker strands of muscle and membrane along `grain`."""
-    strength = np.float32(0.3 * rng.uniform(0, 1) ** 2)
+    strength = np.float32(0.26 * rng.uniform(0, 1) ** 2)
     coarse = streaks(rng, size_px, grain, rng.uniform(15, 40), rng.uniform(6, 15))
     fine = streaks(rng, size_px, grain, rng.uniform(50, 110), rng.uniform(8, 20))
     visible = smoothstep(smooth_noise(rng, size_px, 2), -1, 1.2)
