@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.noise import Field, blurred
+from shaftpose.backgrounds.noise import Field, blurred, smoothstep
 
 Image = NDArray[np.float32]
 GAMMA = 2.2
@@ -26,10 +26,18 @@ def add_highlights(lit: Image, shine: Field) -> Image:
 
 def develop(rng: np.random.Generator, linear_image: Image, height: Field) -> NDArray[np.uint8]:
     """(S, S, 3) uint8 sRGB: defocus before and behind one height, gamma, noise, sharpening."""
-    size_px = linear_image.shape[0]
-    sharp = cv2.GaussianBlur(np.minimum(linear_image, 1.5), (0, 0), rng.uniform(0.4, 0.9) * size_px / 311)
-    encoded = 255 * np.clip(sharp, 0, 1) ** np.float32(1 / GAMMA)
+    encoded = 255 * np.clip(focused(rng, np.minimum(linear_image, 1.5), height), 0, 1) ** np.float32(1 / GAMMA)
     noise = rng.standard_normal(encoded.shape, dtype=np.float32)
     encoded += np.float32(rng.uniform(0.5, 2.5)) * cv2.GaussianBlur(noise, (0, 0), 0.6)
     encoded += np.float32(rng.uniform(0, 1.2)) * (encoded - cv2.GaussianBlur(encoded, (0, 0), 1.2))
     return np.asarray(np.clip(np.round(encoded), 0, 255), np.uint8)
+
+
+def focused(rng: np.random.Generator, image: Image, height: Field) -> Image:
+    """`image`, soft as the lens is, softer where its depth is far from the plane of focus."""
+    size_px = image.shape[0]
+    sharp = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.0012, 0.0028) * size_px)
+    soft = cv2.GaussianBlur(sharp, (0, 0), rng.uniform(0.002, 0.01) * size_px)
+    focus = height[tuple(rng.integers(0, size_px, 2))]
+    share = smoothstep(np.abs(height - focus), 0.1, 0.6)[..., None]
+    return np.asarray(sharp + share * (soft - sharp), np.float32)

@@ -11,6 +11,9 @@ Vectors = NDArray[np.float32]
 SCATTER = (0.85, 1.3, 1.25)
 # How far light travels beneath the surface, in image sides, in red; the other colours far less.
 SCATTER_LENGTH = 0.008
+# Widths of creases in image sides and how much they darken. Wide hollows do so little: the light
+# comes from where the eye is.
+CREASES = ((0.02, 0.4), (0.06, 0.35), (0.16, 0.12))
 
 
 def scope_light(
@@ -50,10 +53,10 @@ def diffuse(normal: Vectors, to_light: Vectors) -> Vectors:
 def openness(height: Field) -> Field:
     """How much light reaches a place, in (0, 1]: low in creases and beneath overhanging folds."""
     shut = sum(
-        np.maximum(blurred(height, sigma) - height, 0) / np.float32(sigma)
-        for sigma in (0.02, 0.06, 0.16)
+        np.float32(weight / sigma) * np.maximum(blurred(height, sigma) - height, 0)
+        for sigma, weight in CREASES
     )
-    return np.exp(np.float32(-0.4) * shut).astype(np.float32)
+    return np.exp(-shut).astype(np.float32)
 
 
 def wet_shine(
@@ -64,9 +67,9 @@ def wet_shine(
     The GGX lobe about the direction halfway between eye and lamp; `share` of the image saturates.
     """
     size_px = height.shape[0]
-    cells = rng.uniform(4, 24)
+    cells = rng.uniform(3, 18)
     ripples = np.float32(rng.uniform(0.01, 0.04) / cells) * fractal_noise(
-        rng, size_px, cells, octaves=3, gain=0.6
+        rng, size_px, cells, octaves=3, gain=0.5
     )
     mirror = np.clip(np.sum(normals(height + ripples) * unit(half), axis=-1), 0, 1)
     roughness = np.float32(rng.uniform(0.08, 0.2) ** 4)
@@ -74,7 +77,14 @@ def wet_shine(
     # The film is not everywhere, and far from the lamp it mirrors less light.
     lobe *= np.exp(np.float32(1.2) * smooth_noise(rng, size_px, 3)) / square
     edge = float(np.quantile(lobe[::2, ::2], 1 - share))
-    return np.minimum(lobe / np.float32(max(edge, 1e-6)), 4)
+    glints = np.minimum(lobe / np.float32(max(edge, 1e-6)), 4)
+    return glints + sheen(rng, mirror, square)
+
+
+def sheen(rng: np.random.Generator, mirror: Field, square: Field) -> Field:
+    """The pale gloss, wide and weak, of moist tissue that is near and faces the lamp."""
+    gloss = blurred(mirror, 0.006) ** np.float32(rng.uniform(4, 16)) / square
+    return np.float32(0.25 * rng.uniform(0, 1) ** 2 / float(gloss.max())) * gloss
 
 
 def unit(vectors: Vectors) -> Vectors:

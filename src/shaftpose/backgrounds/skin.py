@@ -53,7 +53,7 @@ def palette(rng: np.random.Generator, look: SkinLook) -> Image:
     """(3, 3) the linear colours that this patient's tissue varies between."""
     chosen = rng.choice(np.array(look.tones), 3)
     leading = chosen[0]
-    return linear(leading + 0.6 * (chosen - leading) + rng.normal(0, 5, 3))
+    return linear(leading + 0.7 * (chosen - leading) + rng.normal(0, 5, 3))
 
 
 def make_skin(rng: np.random.Generator, size_px: int, tones: Image, look: SkinLook) -> Skin:
@@ -124,8 +124,8 @@ def vessel_depths(
     # A vessel shows only where it runs close beneath the surface.
     shallow *= smoothstep(smooth_noise(rng, size_px, 3), -1.4, 0.6)
     capillaries = web(rng, size_px, rng.uniform(5, 14), rng.uniform(0.0012, 0.003))
-    shallow = np.maximum(shallow, np.float32(rng.uniform(0, 0.5)) * capillaries)
-    shallow = np.float32(rng.uniform(0.5, 1.2)) * blurred(shallow, rng.uniform(0.001, 0.003))
+    shallow = np.maximum(shallow, np.float32(rng.uniform(0, 0.7)) * capillaries)
+    shallow = np.float32(rng.uniform(0.5, 1.4)) * blurred(shallow, rng.uniform(0.001, 0.003))
     deep = vessel_trees(rng, size_px, 4, 2 * width, grain)
     return shallow, blurred(deep, rng.uniform(0.004, 0.012))
 

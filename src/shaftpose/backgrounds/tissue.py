@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.backgrounds.camera import add_highlights, develop, expose
+from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.light import scope_light
 from shaftpose.backgrounds.noise import blurred
 from shaftpose.backgrounds.relief import SURFACES, Range, Relief, make_relief
@@ -21,6 +22,7 @@ class TissueLook:
     """What tells one kind of tissue from another. Ranges are drawn from once for each image.
 
     fold_radius: half width of folds in image sides; funnel_chance: of one or two openings;
+    fluid_chance: of blood or mucus in the hollows;
     wet_share: share of the image that is highlight; brightness: mean of the finished image, 0 to 1.
     """
 
@@ -28,6 +30,7 @@ class TissueLook:
     folds: tuple[int, int]
     fold_radius: Range
     funnel_chance: float
+    fluid_chance: float
     wet_share: Range
     brightness: Range
 
@@ -40,12 +43,13 @@ MUCOSA = TissueLook(
                (236, 126, 82), (222, 96, 74), (212, 104, 112)),
         fat=(232, 164, 96),
         fat_chance=0.25,
-        vessel_roots=(3, 24),
+        vessel_roots=(3, 40),
         vessel_width=(0.0015, 0.007),
     ),
     folds=(0, 5),
     fold_radius=(0.12, 0.42),
     funnel_chance=0.45,
+    fluid_chance=0.3,
     wet_share=(0.0002, 0.005),
     brightness=(0.36, 0.56),
 )  # fmt: skip
@@ -61,6 +65,7 @@ STAND_IN = TissueLook(
     folds=(1, 3),
     fold_radius=(0.3, 0.7),
     funnel_chance=0.2,
+    fluid_chance=0.3,
     wet_share=(0.0002, 0.005),
     brightness=(0.45, 0.62),
 )
@@ -76,6 +81,8 @@ def render_tissue(
     funnels = int(rng.integers(1, 3)) if rng.random() < look.funnel_chance else 0
     relief = make_relief(rng, size_px + 2 * rim_px, folds, look.fold_radius, funnels)
     skin = covering(rng, relief, look.skin)
+    if rng.random() < look.fluid_chance:
+        skin = fill_hollows(rng, skin, relief.height)
     height = relief.height + skin.bumps
     light, shine = scope_light(rng, height, rng.uniform(*look.wet_share))
     lit = expose(skin.colour * light, rng.uniform(*look.brightness))
@@ -93,7 +100,7 @@ def covering(rng: np.random.Generator, relief: Relief, look: SkinLook) -> Skin:
         shown = (relief.surface == number).astype(np.float32)
         if shown.any():
             # Blurred, since one tissue grows into the next where no step in height parts them.
-            shown = blurred(shown, 0.004)
+            shown = blurred(shown, 0.006)
             piece = make_skin(rng, size_px, tones, look)
             colour += shown[..., None] * piece.colour
             bumps += shown * piece.bumps
