@@ -7,7 +7,7 @@ from shaftpose.backgrounds.noise import Field, blurred, fractal_noise, smoothste
 from shaftpose.backgrounds.skin import Skin
 
 # What a deep pool takes from the light in the red, green and blue channels.
-BLOOD = np.array([0.9, 3.2, 2.8], dtype=np.float32)
+BLOOD = np.array([0.8, 2.9, 3.3], dtype=np.float32)
 MUCUS = np.array([0.05, 0.15, 0.5], dtype=np.float32)
 
 
@@ -17,7 +17,7 @@ def fill_hollows(rng: np.random.Generator, skin: Skin, height: Field) -> Skin:
     smears = np.float32(rng.uniform(0.005, 0.03)) * fractal_noise(rng, size_px, 3, gain=0.6)
     hollow = blurred(height, 0.08) - height - skin.bumps + smears
     shore = float(np.quantile(hollow[::2, ::2], rng.uniform(0.75, 0.97)))
-    deep = smoothstep(hollow, shore, shore + rng.uniform(0.01, 0.05))
+    deep = smoothstep(hollow, shore, shore + rng.uniform(0.02, 0.08))
     absorbed = BLOOD if rng.random() < 0.6 else MUCUS
     thickness = deep * np.float32(rng.uniform(0.4, 1))
     colour: NDArray[np.float32] = skin.colour * np.exp(-thickness[..., None] * absorbed)

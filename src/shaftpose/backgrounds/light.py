@@ -16,9 +16,7 @@ SCATTER_LENGTH = 0.008
 CREASES = ((0.02, 0.4), (0.06, 0.35), (0.16, 0.12))
 
 
-def scope_light(
-    rng: np.random.Generator, height: Field, wet_share: float
-) -> tuple[Vectors, Field]:
+def scope_light(rng: np.random.Generator, height: Field, wet_share: float) -> tuple[Vectors, Field]:
     """Light (S, S, 3) that falls on the tissue, and (S, S) the shine of its wet film."""
     depth = np.exp(np.float32(-VIEW) * height)
     x, y = (np.float32(VIEW) * ticks for ticks in pixel_grid(height.shape[0]))

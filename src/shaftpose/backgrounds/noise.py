@@ -86,7 +86,8 @@ def web(rng: np.random.Generator, size_px: int, cells: float, width: float) -> F
     )
     slope = np.hypot(*np.gradient(level, 1 / size_px)) + np.float32(0.5 * cells)
     line = np.exp(-((level / (slope * np.float32(width))) ** 2))
-    return np.asarray(line * smoothstep(smooth_noise(rng, size_px, cells), -0.4, 0.9), np.float32)
+    seen = smoothstep(smooth_noise(rng, size_px, 0.4 * cells), -0.3, 1.2)
+    return np.asarray(line * seen, np.float32)
 
 
 def sample(field: Field, x_px: Field, y_px: Field) -> Field:

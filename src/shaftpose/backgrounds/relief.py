@@ -101,11 +101,11 @@ def funnel(rng: np.random.Generator, size_px: int) -> Field:
     half_width = rng.uniform(0.15, 0.6)
     distance = bent_ellipse(rng, size_px, half_width * rng.uniform(1, 2), half_width, 0.45)
     quartic = distance**4
-    end = np.float32(rng.uniform(0.15, 0.45) ** 4)
+    end = np.float32(rng.uniform(0.25, 0.6) ** 4)
     depth = -np.log((quartic + end) / (1 + quartic)) / np.float32(4 * VIEW)
     # Rings or ridges around the tube, at even steps of its depth.
     steps = rng.uniform(2, 5) * depth + np.float32(0.25) * smooth_noise(rng, size_px, 2.5)
-    rings = np.float32(max(rng.uniform(-0.03, 0.03), 0)) * np.sin(np.float32(2 * np.pi) * steps)
+    rings = np.float32(max(rng.uniform(-0.02, 0.02), 0)) * np.sin(np.float32(2 * np.pi) * steps)
     return np.asarray(rings * np.minimum(4 * depth, 1) - depth, np.float32)
 
 

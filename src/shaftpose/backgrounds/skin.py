@@ -76,7 +76,7 @@ def mottled(rng: np.random.Generator, size_px: int, tones: Image) -> Image:
     """Two tones (of (3, 3)) that run into one another, with fine grain on top."""
     first, second = tones[rng.permutation(3)[:2]]
     blend = smoothstep(fractal_noise(rng, size_px, rng.uniform(0.8, 2.5)), -2, 2)[..., None]
-    fine = fractal_noise(rng, size_px, rng.uniform(14, 40), octaves=3, gain=0.9)
+    fine = fractal_noise(rng, size_px, rng.uniform(14, 40), octaves=3, gain=0.8)
     grain = np.exp(np.float32(rng.uniform(0.02, 0.08)) * fine)
     mixed: Image = (first + blend * (second - first)) * grain[..., None]
     return mixed
@@ -97,21 +97,27 @@ def with_fat(rng: np.random.Generator, colour: Image, fat: Colour | Image) -> tu
     field = fractal_noise(rng, size_px, rng.uniform(1, 2), octaves=4, gain=0.5)
     edge = rng.uniform(-3, 0.5)
     cover = smoothstep(field, edge, edge + 1.2)
-    cells = rng.uniform(3, 11)
-    lumps = lobules(rng, size_px, cells) + np.float32(0.4) * lobules(rng, size_px, 2.6 * cells)
+    cells = rng.uniform(2, 9)
+    lumps = lobules(rng, size_px, cells) + np.float32(0.3) * lobules(rng, size_px, 2.6 * cells)
+    lumps = blurred(lumps, rng.uniform(0.02, 0.06) / cells)
     strength = np.float32(rng.uniform(0.6, 0.95)) * cover[..., None]
     shade = np.exp(np.float32(0.12) * (lumps - 1))[..., None]
     mixed = colour + strength * (fat * shade - colour)
-    return mixed, np.float32(rng.uniform(0.05, 0.2) / cells) * cover * lumps
+    return mixed, np.float32(rng.uniform(0.03, 0.2) / cells) * cover * lumps
 
 
 def fibres(rng: np.random.Generator, size_px: int, grain: float) -> Field:
     """(S, S) around 0: the lighter and darker strands of muscle and membrane along `grain`."""
     strength = np.float32(0.26 * rng.uniform(0, 1) ** 2)
-    coarse = streaks(rng, size_px, grain, rng.uniform(15, 40), rng.uniform(6, 15))
-    fine = streaks(rng, size_px, grain, rng.uniform(50, 110), rng.uniform(8, 20))
+    bundles = streaks(rng, size_px, grain, rng.uniform(8, 25), rng.uniform(5, 10))
+    strands = streaks(rng, size_px, grain, rng.uniform(35, 60), rng.uniform(8, 20))
+    hairs = streaks(rng, size_px, grain, rng.uniform(80, 130), rng.uniform(10, 25))
     visible = smoothstep(smooth_noise(rng, size_px, 2), -1, 1.2)
-    return np.asarray(strength * visible * (coarse + np.float32(0.7) * fine), np.float32)
+    # A bundle carries its strands: where it is strong they stand out, elsewhere they are faint.
+    lines = np.float32(0.4) * bundles + (strands + np.float32(0.7) * hairs) * np.exp(
+        np.float32(0.5) * bundles - np.float32(0.4)
+    )
+    return np.asarray(strength * visible * lines, np.float32)
 
 
 def vessel_depths(

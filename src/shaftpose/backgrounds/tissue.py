@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.camera import add_highlights, develop, expose
+from shaftpose.backgrounds.camera import add_highlights, develop, expose, smoke
 from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.light import scope_light
 from shaftpose.backgrounds.noise import blurred
@@ -41,16 +41,16 @@ MUCOSA = TissueLook(
                (204, 118, 124), (228, 176, 166), (234, 138, 92), (196, 120, 142), (178, 92, 108),
                (232, 112, 66), (150, 46, 50), (216, 170, 176),
                (236, 126, 82), (222, 96, 74), (212, 104, 112)),
-        fat=(232, 164, 96),
-        fat_chance=0.25,
+        fat=(236, 158, 84),
+        fat_chance=0.22,
         vessel_roots=(3, 40),
-        vessel_width=(0.0015, 0.007),
+        vessel_width=(0.002, 0.009),
     ),
     folds=(0, 5),
     fold_radius=(0.12, 0.42),
     funnel_chance=0.45,
     fluid_chance=0.3,
-    wet_share=(0.0002, 0.005),
+    wet_share=(0.0001, 0.006),
     brightness=(0.36, 0.56),
 )  # fmt: skip
 
@@ -66,7 +66,7 @@ STAND_IN = TissueLook(
     fold_radius=(0.3, 0.7),
     funnel_chance=0.2,
     fluid_chance=0.3,
-    wet_share=(0.0002, 0.005),
+    wet_share=(0.0001, 0.006),
     brightness=(0.45, 0.62),
 )
 
@@ -84,9 +84,9 @@ def render_tissue(
     if rng.random() < look.fluid_chance:
         skin = fill_hollows(rng, skin, relief.height)
     height = relief.height + skin.bumps
-    light, shine = scope_light(rng, height, rng.uniform(*look.wet_share))
+    light, shine = scope_light(rng, height, np.exp(rng.uniform(*np.log(look.wet_share))))
     lit = expose(skin.colour * light, rng.uniform(*look.brightness))
-    picture = develop(rng, add_highlights(lit, shine), relief.height)
+    picture = develop(rng, add_highlights(smoke(rng, lit), shine), relief.height)
     return np.ascontiguousarray(picture[rim_px:-rim_px, rim_px:-rim_px])
 
 

@@ -66,10 +66,10 @@ def _draw(canvas: NDArray[np.uint8], path: NDArray[np.float64], width: float) ->
     """The path as a line whose width, then strength, tapers to its end."""
     side = canvas.shape[0]
     points = np.round(path * side * 16).astype(np.int32)
-    pieces = min(6, len(points) - 1)
+    pieces = min(10, len(points) - 1)
     cuts = np.linspace(0, len(points) - 1, pieces + 1).astype(int)
     for piece in reversed(range(pieces)):
-        wide = width * side * (1 - 0.65 * piece / pieces)
-        strength = int(255 * min(1.0, 0.2 + 0.4 * wide))
+        wide = width * side * (1 - 0.85 * piece / pieces)
+        strength = int(255 * min(1.0, 0.15 + 0.4 * wide))
         line = [points[cuts[piece] : cuts[piece + 1] + 1]]
         cv2.polylines(canvas, line, False, (strength,), max(1, round(wide)), cv2.LINE_AA, shift=4)
