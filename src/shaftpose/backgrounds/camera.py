@@ -12,6 +12,11 @@ SMOKE = np.array([0.22, 0.26, 0.29], dtype=np.float32)
 HIGHLIGHT = np.array([0.93, 0.97, 1.0], dtype=np.float32)
 
 
+def linear(colours: NDArray[np.float64]) -> Image:
+    """(..., 3) linear RGB in [0, 1] of sRGB colours in 0 to 255."""
+    return np.asarray((np.clip(colours, 0, 255) / 255) ** GAMMA, np.float32)
+
+
 def expose(lit: Image, brightness: float) -> Image:
     """Scaled as the camera's automatic exposure does, bright parts rolled off."""
     target = brightness**GAMMA
@@ -34,14 +39,13 @@ def add_highlights(lit: Image, shine: Field) -> Image:
 
 def develop(rng: np.random.Generator, linear_image: Image, height: Field) -> NDArray[np.uint8]:
     """(S, S, 3) uint8 sRGB: defocus before and behind one height, gamma, noise, sharpening."""
-    encoded = 255 * np.clip(
-        focused(rng, np.minimum(linear_image, 1.5), height), 0, 1
-    ) ** np.float32(1 / GAMMA)
+    # The brightest highlights are cut off, lest the lens's softness widen them.
+    seen = focused(rng, np.minimum(linear_image, 1.5), height)
+    encoded = 255 * np.clip(seen, 0, 1) ** np.float32(1 / GAMMA)
     noise = rng.standard_normal(encoded.shape, dtype=np.float32)
-    encoded += np.float32(rng.uniform(0.5, 2.5)) * cv2.GaussianBlur(noise, (0, 0), 0.6)
-    encoded += np.float32(rng.uniform(0.2, 2.2)) * (
-        encoded - cv2.GaussianBlur(encoded, (0, 0), 1.2)
-    )
+    encoded += np.float32(rng.uniform(0.5, 2)) * cv2.GaussianBlur(noise, (0, 0), 0.6)
+    detail = encoded - cv2.GaussianBlur(encoded, (0, 0), 1.2)
+    encoded += np.float32(0.2 + 2.8 * rng.uniform(0, 1) ** 2) * detail
     return np.asarray(np.clip(np.round(encoded), 0, 255), np.uint8)
 
 

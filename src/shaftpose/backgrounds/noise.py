@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Field = NDArray[np.float32]
+Range = tuple[float, float]
 # Of `smooth_noise`, in samples: the width of its blur, and what is cut off around it.
 BLUR = 1.3
 MARGIN = 4
@@ -81,7 +82,7 @@ def lobules(rng: np.random.Generator, size_px: int, cells: float) -> Field:
 
 def web(rng: np.random.Generator, size_px: int, cells: float, width: float) -> Field:
     """Thin lines in [0, 1] where smooth noise crosses zero, broken where a second noise is low."""
-    level = smooth_noise(rng, size_px, cells) + np.float32(0.35) * smooth_noise(
+    level = smooth_noise(rng, size_px, cells) + np.float32(0.2) * smooth_noise(
         rng, size_px, 2.3 * cells
     )
     slope = np.hypot(*np.gradient(level, 1 / size_px)) + np.float32(0.5 * cells)

@@ -1,4 +1,4 @@
-"""The shape of procedural tissue: a wall, funnels into it, and the folds and bulges before it.
+"""The shape of procedural tissue: a wall, a funnel into it, and the folds and bulges before it.
 
 Lengths are in image sides. Height is such that depth is exp(-VIEW * height): where the height is
 zero the depth is one, and a slope looks equally steep at every depth.
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from shaftpose.backgrounds.noise import (
     Field,
+    Range,
     blurred,
     fractal_noise,
     pixel_grid,
     smooth_noise,
 )
 
-Range = tuple[float, float]
 # Pieces of different tissue in one image, the wall included.
 SURFACES = 3
 # Width of the view at depth one: twice the tangent of half the angle of view, here 74 degrees.
@@ -35,14 +35,14 @@ class Relief:
 
 
 def make_relief(
-    rng: np.random.Generator, size_px: int, folds: int, fold_radius: Range, funnels: int
+    rng: np.random.Generator, size_px: int, folds: int, fold_radius: Range, opened: bool
 ) -> Relief:
-    """A wall with `funnels` in it and `folds` before it; nearer tissue hides what lies behind."""
+    """A wall, `opened` by a funnel or not, and `folds` before it, which hide what lies behind."""
     height = wall(rng, size_px)
-    for _ in range(funnels):
+    if opened:
         height += funnel(rng, size_px)
-    # How far the wall lies behind the folds: the light there falls with the square.
-    height -= np.float32(rng.choice([0, rng.uniform(0, 0.6)]))
+    # The wall may lie far behind the folds, where little light comes.
+    height -= np.float32(max(rng.uniform(-0.6, 0.6), 0))
     surface = np.zeros((size_px, size_px), dtype=np.uint8)
     for _ in range(folds):
         bulge = fold(rng, size_px, fold_radius)

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.backgrounds.camera import linear
 from shaftpose.backgrounds.noise import (
     Field,
+    Range,
     blurred,
     fractal_noise,
     lobules,
@@ -19,8 +21,6 @@ from shaftpose.backgrounds.vessels import vessel_trees
 
 Colour = tuple[int, int, int]
 Image = NDArray[np.float32]
-Range = tuple[float, float]
-GAMMA = 2.2
 # What blood takes from the light in the red, green and blue channels.
 SHALLOW_BLOOD = np.array([0.7, 2.1, 1.7], dtype=np.float32)
 DEEP_BLOOD = np.array([0.75, 0.85, 0.45], dtype=np.float32)
@@ -69,7 +69,7 @@ def make_skin(rng: np.random.Generator, size_px: int, tones: Image, look: SkinLo
     # Strands and vessels that lie on the surface stand out from it.
     bumps = bumps + np.float32(0.006) * strands + np.float32(0.002) * vessels[0]
     colour = colour * np.exp(strands)[..., None] * blood(rng, *vessels)
-    return Skin(np.asarray(colour, np.float32), bumps)
+    return Skin(np.minimum(colour, np.float32(1)), bumps)
 
 
 def mottled(rng: np.random.Generator, size_px: int, tones: Image) -> Image:
@@ -87,16 +87,16 @@ def pebbles(rng: np.random.Generator, size_px: int) -> Field:
     cells = rng.uniform(10, 35)
     rough = smoothstep(smooth_noise(rng, size_px, 2), -1.2, 1.5)
     # Slopes, not heights, are seen: finer unevenness is lower.
-    height = np.float32(rng.uniform(0.003, 0.03) / cells)
-    return height * rough * fractal_noise(rng, size_px, cells, octaves=3, gain=0.5)
+    strength = np.float32(rng.uniform(0.003, 0.03) / cells)
+    return strength * rough * fractal_noise(rng, size_px, cells, octaves=3, gain=0.5)
 
 
-def with_fat(rng: np.random.Generator, colour: Image, fat: Colour | Image) -> tuple[Image, Field]:
+def with_fat(rng: np.random.Generator, colour: Image, fat: Image) -> tuple[Image, Field]:
     """Fat over `colour`, thick or thinning out to islands: its colour and its lobules' relief."""
     size_px = colour.shape[0]
     field = fractal_noise(rng, size_px, rng.uniform(1, 2), octaves=4, gain=0.5)
     edge = rng.uniform(-3, 0.5)
-    cover = smoothstep(field, edge, edge + 1.2)
+    cover = smoothstep(field, edge, edge + 1.5)
     cells = rng.uniform(2, 9)
     lumps = lobules(rng, size_px, cells) + np.float32(0.3) * lobules(rng, size_px, 2.6 * cells)
     lumps = blurred(lumps, rng.uniform(0.02, 0.06) / cells)
@@ -130,9 +130,9 @@ def vessel_depths(
     # A vessel shows only where it runs close beneath the surface.
     shallow *= smoothstep(smooth_noise(rng, size_px, 3), -1.4, 0.6)
     capillaries = web(rng, size_px, rng.uniform(5, 14), rng.uniform(0.0012, 0.003))
-    shallow = np.maximum(shallow, np.float32(rng.uniform(0, 0.7)) * capillaries)
+    shallow = np.maximum(shallow, np.float32(0.7 * rng.uniform(0, 1) ** 2) * capillaries)
     shallow = np.float32(rng.uniform(0.5, 1.4)) * blurred(shallow, rng.uniform(0.001, 0.003))
-    deep = vessel_trees(rng, size_px, 4, 2 * width, grain)
+    deep = vessel_trees(rng, size_px, 2, 2 * width, grain)
     return shallow, blurred(deep, rng.uniform(0.004, 0.012))
 
 
@@ -144,8 +144,3 @@ def blood(rng: np.random.Generator, shallow: Field, deep: Field) -> Image:
     red = (shallow + flush)[..., None] * SHALLOW_BLOOD
     blue = np.float32(0.5) * deep[..., None] * DEEP_BLOOD
     return np.asarray(np.exp(-red - blue), np.float32)
-
-
-def linear(colours: NDArray[np.float64]) -> Image:
-    """(..., 3) linear RGB in [0, 1] of sRGB colours in 0 to 255."""
-    return np.asarray((np.clip(colours, 0, 255) / 255) ** GAMMA, np.float32)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from shaftpose.backgrounds.camera import add_highlights, develop, expose, smoke
 from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.light import scope_light
-from shaftpose.backgrounds.noise import blurred
-from shaftpose.backgrounds.relief import SURFACES, Range, Relief, make_relief
+from shaftpose.backgrounds.noise import Range, blurred
+from shaftpose.backgrounds.relief import SURFACES, Relief, make_relief
 from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
 
 
@@ -21,9 +21,9 @@ from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
 class TissueLook:
     """What tells one kind of tissue from another. Ranges are drawn from once for each image.
 
-    fold_radius: half width of folds in image sides; funnel_chance: of one or two openings;
-    fluid_chance: of blood or mucus in the hollows;
-    wet_share: share of the image that is highlight; brightness: mean of the finished image, 0 to 1.
+    folds: how many; fold_radius: their half width in image sides; funnel_chance: of an opening that
+    leads away; fluid_chance: of blood or mucus in the hollows; wet_share: share of the image that
+    is highlight, all magnitudes alike; brightness: mean of the finished image, 0 to 1.
     """
 
     skin: SkinLook
@@ -39,11 +39,11 @@ MUCOSA = TissueLook(
     SkinLook(
         tones=((226, 128, 112), (208, 92, 78), (234, 158, 138), (176, 60, 58), (226, 126, 84),
                (204, 118, 124), (228, 176, 166), (234, 138, 92), (196, 120, 142), (178, 92, 108),
-               (232, 112, 66), (150, 46, 50), (216, 170, 176),
-               (236, 126, 82), (222, 96, 74), (212, 104, 112)),
+               (232, 112, 66), (150, 46, 50), (216, 170, 176), (236, 126, 82), (222, 96, 74),
+               (212, 104, 112)),
         fat=(236, 158, 84),
         fat_chance=0.22,
-        vessel_roots=(3, 40),
+        vessel_roots=(1, 14),
         vessel_width=(0.002, 0.009),
     ),
     folds=(0, 5),
@@ -59,7 +59,7 @@ STAND_IN = TissueLook(
         tones=((242, 180, 132), (240, 158, 98), (244, 198, 160), (234, 142, 92), (240, 172, 114)),
         fat=(238, 168, 84),
         fat_chance=0.7,
-        vessel_roots=(16, 40),
+        vessel_roots=(5, 13),
         vessel_width=(0.005, 0.013),
     ),
     folds=(1, 3),
@@ -78,8 +78,8 @@ def render_tissue(
     # Filters see no neighbours beyond the border: a rim is rendered too and cut off.
     rim_px = int(np.ceil(0.02 * size_px))
     folds = int(rng.integers(look.folds[0], look.folds[1] + 1))
-    funnels = int(rng.integers(1, 3)) if rng.random() < look.funnel_chance else 0
-    relief = make_relief(rng, size_px + 2 * rim_px, folds, look.fold_radius, funnels)
+    opened = bool(rng.random() < look.funnel_chance)
+    relief = make_relief(rng, size_px + 2 * rim_px, folds, look.fold_radius, opened)
     skin = covering(rng, relief, look.skin)
     if rng.random() < look.fluid_chance:
         skin = fill_hollows(rng, skin, relief.height)

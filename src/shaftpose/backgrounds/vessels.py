@@ -9,7 +9,7 @@ from shaftpose.backgrounds.noise import Field
 # Vessels are drawn this many times larger and shrunk, so that capillaries are finer than a pixel.
 OVERSAMPLING = 2
 STEP = 0.006
-FINEST_WIDTH = 0.001
+FINEST_WIDTH = 0.0014
 # Bends of a vessel are this smooth, in steps.
 BEND = np.hanning(11)[1:-1] / 2
 
@@ -24,8 +24,11 @@ def vessel_trees(
     canvas = np.zeros((OVERSAMPLING * size_px, OVERSAMPLING * size_px), dtype=np.uint8)
     for _ in range(roots):
         start = rng.uniform(-0.1, 1.1, 2)
-        heading = grain + rng.choice([0, np.pi]) + rng.normal(0, 0.45)
-        _grow(rng, canvas, start, heading, rng.uniform(0.2, 1.1), width * rng.uniform(0.25, 1))
+        heading = grain + rng.normal(0, 0.45)
+        thickest = width * rng.uniform(0.25, 1)
+        # It comes up from the depth and dives again: thickest where it is nearest.
+        _grow(rng, canvas, start, heading, rng.uniform(0.1, 0.8), thickest)
+        _grow(rng, canvas, start, heading + np.pi, rng.uniform(0.1, 0.8), thickest)
     shrunk = cv2.resize(canvas, (size_px, size_px), interpolation=cv2.INTER_AREA)
     return shrunk.astype(np.float32) / np.float32(255)
 
@@ -66,7 +69,7 @@ def _draw(canvas: NDArray[np.uint8], path: NDArray[np.float64], width: float) ->
     """The path as a line whose width, then strength, tapers to its end."""
     side = canvas.shape[0]
     points = np.round(path * side * 16).astype(np.int32)
-    pieces = min(10, len(points) - 1)
+    pieces = min(10, len(points) // 6 + 1)
     cuts = np.linspace(0, len(points) - 1, pieces + 1).astype(int)
     for piece in reversed(range(pieces)):
         wide = width * side * (1 - 0.85 * piece / pieces)
