@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from shaftpose.backgrounds.fluid import fill_hollows
-from shaftpose.backgrounds.noise import Field, lobules, pixel_grid, web
+from shaftpose.backgrounds.noise import Field, lobules, pixel_grid
 from shaftpose.backgrounds.skin import Skin, make_skin, palette
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.vessels import vessel_trees
@@ -48,12 +48,6 @@ def test_lobules_are_about_as_many_as_asked() -> None:
     ]
     peaks = np.all([inner > other for other in around], axis=0).sum()
     assert field.max() <= 1 and 18 <= peaks <= 72
-
-
-def test_a_web_is_thin_lines() -> None:
-    lines = web(np.random.default_rng(0), SIZE, 6, 0.004)
-    assert lines.min() >= 0 and 0.5 < lines.max() <= 1
-    assert 0.005 < lines.mean() < 0.2
 
 
 def test_fluid_gathers_in_the_hollow() -> None:

@@ -45,14 +45,14 @@ def develop(rng: np.random.Generator, linear_image: Image, height: Field) -> NDA
     noise = rng.standard_normal(encoded.shape, dtype=np.float32)
     encoded += np.float32(rng.uniform(0.5, 2)) * cv2.GaussianBlur(noise, (0, 0), 0.6)
     detail = encoded - cv2.GaussianBlur(encoded, (0, 0), 1.2)
-    encoded += np.float32(0.2 + 2.8 * rng.uniform(0, 1) ** 2) * detail
+    encoded += np.float32(0.4 + 3 * rng.uniform(0, 1) ** 2) * detail
     return np.asarray(np.clip(np.round(encoded), 0, 255), np.uint8)
 
 
 def focused(rng: np.random.Generator, image: Image, height: Field) -> Image:
     """`image`, soft as the lens is, softer where its depth is far from the plane of focus."""
     size_px = image.shape[0]
-    sharp = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.001, 0.0025) * size_px)
+    sharp = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.0008, 0.002) * size_px)
     soft = cv2.GaussianBlur(sharp, (0, 0), rng.uniform(0.002, 0.01) * size_px)
     focus = height[tuple(rng.integers(0, size_px, 2))]
     share = smoothstep(np.abs(height - focus), 0.15, 0.8)[..., None]

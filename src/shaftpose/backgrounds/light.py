@@ -8,9 +8,9 @@ from shaftpose.backgrounds.relief import VIEW
 
 Vectors = NDArray[np.float32]
 # Exponents on the light that faces the surface: less contrast in red, which scatters furthest.
-SCATTER = (0.85, 1.3, 1.25)
+SCATTER = (0.85, 1.4, 1.3)
 # How far light travels beneath the surface, in image sides, in red; the other colours far less.
-SCATTER_LENGTH = 0.008
+SCATTER_LENGTH = 0.004
 # Widths of creases in image sides and how much they darken. Wide hollows do so little: the light
 # comes from where the eye is.
 CREASES = ((0.02, 0.4), (0.06, 0.35), (0.16, 0.12))

@@ -80,17 +80,6 @@ def lobules(rng: np.random.Generator, size_px: int, cells: float) -> Field:
     return 1 - sample(np.asarray(distance**2, np.float32), x_px, y_px)
 
 
-def web(rng: np.random.Generator, size_px: int, cells: float, width: float) -> Field:
-    """Thin lines in [0, 1] where smooth noise crosses zero, broken where a second noise is low."""
-    level = smooth_noise(rng, size_px, cells) + np.float32(0.2) * smooth_noise(
-        rng, size_px, 2.3 * cells
-    )
-    slope = np.hypot(*np.gradient(level, 1 / size_px)) + np.float32(0.5 * cells)
-    line = np.exp(-((level / (slope * np.float32(width))) ** 2))
-    seen = smoothstep(smooth_noise(rng, size_px, 0.4 * cells), -0.3, 1.2)
-    return np.asarray(line * seen, np.float32)
-
-
 def sample(field: Field, x_px: Field, y_px: Field) -> Field:
     """`field` at fractional pixel positions, mirrored at its borders."""
     found = cv2.remap(field, x_px, y_px, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)

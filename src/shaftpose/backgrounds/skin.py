@@ -15,7 +15,6 @@ from shaftpose.backgrounds.noise import (
     smooth_noise,
     smoothstep,
     streaks,
-    web,
 )
 from shaftpose.backgrounds.vessels import vessel_trees
 
@@ -69,7 +68,8 @@ def make_skin(rng: np.random.Generator, size_px: int, tones: Image, look: SkinLo
     # Strands and vessels that lie on the surface stand out from it.
     bumps = bumps + np.float32(0.006) * strands + np.float32(0.002) * vessels[0]
     colour = colour * np.exp(strands)[..., None] * blood(rng, *vessels)
-    return Skin(np.minimum(colour, np.float32(1)), bumps)
+    # No tissue gives back more light than falls on it.
+    return Skin(colour / np.maximum(colour.max(axis=-1, keepdims=True), 1), bumps)
 
 
 def mottled(rng: np.random.Generator, size_px: int, tones: Image) -> Image:
@@ -77,7 +77,7 @@ def mottled(rng: np.random.Generator, size_px: int, tones: Image) -> Image:
     first, second = tones[rng.permutation(3)[:2]]
     blend = smoothstep(fractal_noise(rng, size_px, rng.uniform(0.8, 2.5)), -2, 2)[..., None]
     fine = fractal_noise(rng, size_px, rng.uniform(14, 40), octaves=3, gain=0.8)
-    grain = np.exp(np.float32(rng.uniform(0.02, 0.08)) * fine)
+    grain = np.exp(np.float32(rng.uniform(0.03, 0.09)) * fine)
     mixed: Image = (first + blend * (second - first)) * grain[..., None]
     return mixed
 
@@ -129,8 +129,6 @@ def vessel_depths(
     shallow = vessel_trees(rng, size_px, roots, width, grain)
     # A vessel shows only where it runs close beneath the surface.
     shallow *= smoothstep(smooth_noise(rng, size_px, 3), -1.4, 0.6)
-    capillaries = web(rng, size_px, rng.uniform(5, 14), rng.uniform(0.0012, 0.003))
-    shallow = np.maximum(shallow, np.float32(0.7 * rng.uniform(0, 1) ** 2) * capillaries)
     shallow = np.float32(rng.uniform(0.5, 1.4)) * blurred(shallow, rng.uniform(0.001, 0.003))
     deep = vessel_trees(rng, size_px, 2, 2 * width, grain)
     return shallow, blurred(deep, rng.uniform(0.004, 0.012))

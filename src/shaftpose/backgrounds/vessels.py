@@ -9,7 +9,7 @@ from shaftpose.backgrounds.noise import Field
 # Vessels are drawn this many times larger and shrunk, so that capillaries are finer than a pixel.
 OVERSAMPLING = 2
 STEP = 0.006
-FINEST_WIDTH = 0.0014
+FINEST_WIDTH = 0.0012
 # Bends of a vessel are this smooth, in steps.
 BEND = np.hanning(11)[1:-1] / 2
 
