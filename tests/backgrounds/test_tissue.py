@@ -42,9 +42,21 @@ def test_colours_vary_between_pictures(mucosa: np.ndarray) -> None:
     assert mucosa.mean(axis=(1, 2)).std(axis=0).min() > 5
 
 
+def test_colours_vary_within_pictures(mucosa: np.ndarray) -> None:
+    """Not one hue in light and shade: the ratio of red to green differs from place to place."""
+    ratio = (mucosa[..., 1] + 1.0) / (mucosa[..., 0] + 1.0)
+    assert np.median(ratio.std(axis=(1, 2))) > 0.03
+
+
 def test_red_dominates_in_every_picture(mucosa: np.ndarray, stand_in: np.ndarray) -> None:
     red, green, blue = np.moveaxis(np.concatenate([mucosa, stand_in]).mean(axis=(1, 2)), -1, 0)
     assert np.all(red > green) and np.all(red > blue)
+
+
+def test_red_then_green_then_blue_in_the_mean(mucosa: np.ndarray, stand_in: np.ndarray) -> None:
+    for images in (mucosa, stand_in):
+        red, green, blue = images.mean(axis=(0, 1, 2))
+        assert red > green + 20 and green > blue + 2
 
 
 def test_exposure_is_neither_black_nor_burnt_out(mucosa: np.ndarray) -> None:
@@ -52,10 +64,17 @@ def test_exposure_is_neither_black_nor_burnt_out(mucosa: np.ndarray) -> None:
     assert means.min() > 50 and means.max() < 190
 
 
-def test_highlights_are_small_and_present(mucosa: np.ndarray) -> None:
+def test_near_is_bright_and_far_is_dark(mucosa: np.ndarray) -> None:
+    """The light falls off with distance: most pictures span more than a third of the scale."""
+    dark, bright = np.quantile(mucosa.mean(axis=-1).reshape(len(mucosa), -1), [0.02, 0.98], axis=1)
+    assert np.median(bright - dark) > 85
+
+
+def test_highlights_saturate_and_are_small(mucosa: np.ndarray) -> None:
     white = (mucosa.min(axis=-1) > 235).mean(axis=(1, 2))
     assert white.max() < 0.06
     assert np.count_nonzero(white) >= len(white) / 2
+    assert mucosa.min(axis=-1).max() == 255
 
 
 def test_neighbouring_pixels_are_alike(mucosa: np.ndarray) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Field = NDArray[np.float32]
+Range = tuple[float, float]
 # Of `smooth_noise`, in samples: the width of its blur, and what is cut off around it.
 BLUR = 1.3
 MARGIN = 4
@@ -52,11 +53,31 @@ def streaks(
     grid = rng.standard_normal(shape).astype(np.float32)
     straight = cv2.resize(grid, (canvas_px, canvas_px), interpolation=cv2.INTER_CUBIC)
     x, y = pixel_grid(size_px)
-    bend = np.float32(0.05) * fractal_noise(rng, size_px, 1.5, octaves=2)
+    bend = np.float32(0.06) * fractal_noise(rng, size_px, 1.5, octaves=3, gain=0.4)
     along = np.float32(np.cos(angle)) * x + np.float32(np.sin(angle)) * y
     across = np.float32(np.cos(angle)) * y - np.float32(np.sin(angle)) * x + bend
     scale = np.float32(size_px)
     return sample(np.asarray(straight, np.float32), (along + 1) * scale, (across + 1) * scale)
+
+
+def lobules(rng: np.random.Generator, size_px: int, cells: float) -> Field:
+    """Rounded cells side by side, `cells` along a side: 1 at their centres, falling to their seams.
+
+    The distance to the nearest of randomly strewn centres (Worley's F1), space bent by noise.
+    """
+    side_px = size_px + size_px // 4
+    free = np.full((side_px, side_px), 255, dtype=np.uint8)
+    across = int(np.ceil(1.25 * cells))
+    ticks = np.arange(across)
+    centres = np.stack(np.meshgrid(ticks, ticks), axis=-1) + rng.uniform(0, 1, (across, across, 2))
+    column, row = np.clip(centres * size_px / cells, 0, side_px - 1).astype(int).reshape(-1, 2).T
+    free[row, column] = 0
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * np.float32(1.3 * cells / size_px)
+    x, y = pixel_grid(size_px)
+    bend = np.float32(0.2 / cells)
+    x_px = (x + bend * smooth_noise(rng, size_px, 1.2 * cells)) * size_px + side_px / 2
+    y_px = (y + bend * smooth_noise(rng, size_px, 1.2 * cells)) * size_px + side_px / 2
+    return 1 - sample(np.asarray(distance**2, np.float32), x_px, y_px)
 
 
 def sample(field: Field, x_px: Field, y_px: Field) -> Field:

@@ -9,7 +9,7 @@ from shaftpose.backgrounds.noise import Field
 # Vessels are drawn this many times larger and shrunk, so that capillaries are finer than a pixel.
 OVERSAMPLING = 2
 STEP = 0.006
-FINEST_WIDTH = 0.0014
+FINEST_WIDTH = 0.0012
 # Bends of a vessel are this smooth, in steps.
 BEND = np.hanning(11)[1:-1] / 2
 
@@ -24,8 +24,11 @@ def vessel_trees(
     canvas = np.zeros((OVERSAMPLING * size_px, OVERSAMPLING * size_px), dtype=np.uint8)
     for _ in range(roots):
         start = rng.uniform(-0.1, 1.1, 2)
-        heading = grain + rng.choice([0, np.pi]) + rng.normal(0, 0.45)
-        _grow(rng, canvas, start, heading, rng.uniform(0.2, 0.8), width * rng.uniform(0.2, 1))
+        heading = grain + rng.normal(0, 0.45)
+        thickest = width * rng.uniform(0.25, 1)
+        # It comes up from the depth and dives again: thickest where it is nearest.
+        _grow(rng, canvas, start, heading, rng.uniform(0.1, 0.8), thickest)
+        _grow(rng, canvas, start, heading + np.pi, rng.uniform(0.1, 0.8), thickest)
     shrunk = cv2.resize(canvas, (size_px, size_px), interpolation=cv2.INTER_AREA)
     return shrunk.astype(np.float32) / np.float32(255)
 
@@ -41,11 +44,11 @@ def _grow(
     """Draw one vessel and its branches, the branches first so that the stem lies on top."""
     path, headings = _meander(rng, start, heading, max(int(length / STEP), 3))
     if width > FINEST_WIDTH:
-        for _ in range(rng.integers(1, 5)):
+        for _ in range(rng.integers(2, 4 + int(4 * length))):
             at = int(rng.integers(len(path) // 5, len(path)))
-            turn = rng.choice([-1, 1]) * rng.uniform(0.35, 1.0)
-            thinner = width * (1 - 0.6 * at / len(path)) * rng.uniform(0.45, 0.75)
-            shorter = length * rng.uniform(0.25, 0.6)
+            turn = rng.choice([-1, 1]) * rng.uniform(0.3, 0.9)
+            thinner = width * (1 - 0.6 * at / len(path)) * rng.uniform(0.4, 0.75)
+            shorter = length * rng.uniform(0.2, 0.6)
             _grow(rng, canvas, path[at], headings[at] + turn, shorter, thinner)
     _draw(canvas, path, width)
 
@@ -54,8 +57,9 @@ def _meander(
     rng: np.random.Generator, start: NDArray[np.float64], heading: float, steps: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """A winding path (steps, 2) and its headings (steps,) in radians."""
-    drift = np.cumsum(rng.normal(0, 0.06, steps))
-    wiggle = np.convolve(rng.normal(0, 0.55, steps + 8), BEND, mode="valid")
+    drift = np.cumsum(rng.normal(0, 0.05, steps))
+    winding = rng.uniform(0.1, 0.5)
+    wiggle = np.convolve(rng.normal(0, winding, steps + 8), BEND, mode="valid")
     headings = heading + drift + wiggle
     moves = STEP * np.stack([np.cos(headings), np.sin(headings)], axis=1)
     return start + np.cumsum(moves, axis=0), headings
@@ -65,10 +69,10 @@ def _draw(canvas: NDArray[np.uint8], path: NDArray[np.float64], width: float) ->
     """The path as a line whose width, then strength, tapers to its end."""
     side = canvas.shape[0]
     points = np.round(path * side * 16).astype(np.int32)
-    pieces = min(6, len(points) - 1)
+    pieces = min(10, len(points) // 6 + 1)
     cuts = np.linspace(0, len(points) - 1, pieces + 1).astype(int)
     for piece in reversed(range(pieces)):
-        wide = width * side * (1 - 0.65 * piece / pieces)
-        strength = int(255 * min(1.0, 0.2 + 0.4 * wide))
+        wide = width * side * (1 - 0.85 * piece / pieces)
+        strength = int(255 * min(1.0, 0.15 + 0.4 * wide))
         line = [points[cuts[piece] : cuts[piece + 1] + 1]]
         cv2.polylines(canvas, line, False, (strength,), max(1, round(wide)), cv2.LINE_AA, shift=4)
