@@ -1,4 +1,4 @@
-"""How fast, how good and how steady rendering is: `make bench-render`, on an otherwise idle machine.
+"""How fast, how good and how steady rendering is: `make bench-render`, on an idle machine.
 
 Prints a table and writes `benchmarks/results/render.json`. For a quick look at single parts, which
 writes nothing: `python -m benchmarks.render --quick throughput profile`.
@@ -140,8 +140,7 @@ def table(found: dict[str, Any]) -> list[str]:
     if "throughput" in found:
         lines += _throughput_lines(found["throughput"])
     if "plain" in found:
-        lines += ["", "{plain_s:.3g} s per image of the plain script, {ours_s:.3g} s of ours".format(
-            **found["plain"])]  # fmt: skip
+        lines += _plain_lines(found["plain"])
     if "profile" in found:
         lines += _profile_lines(found["profile"])
     if "quality" in found:
@@ -159,6 +158,13 @@ def _throughput_lines(part: dict[str, Any]) -> list[str]:
     ]
 
 
+def _plain_lines(part: dict[str, Any]) -> list[str]:
+    return [
+        "",
+        f"{part['plain_s']:.3g} s per image of a plain script, {part['ours_s']:.3g} s of ours",
+    ]
+
+
 def _profile_lines(part: dict[str, Any]) -> list[str]:
     spent, total = part["milliseconds"], part["total_milliseconds"]
     ordered = sorted(spent.items(), key=lambda item: -item[1])
@@ -167,8 +173,8 @@ def _profile_lines(part: dict[str, Any]) -> list[str]:
 
 
 def _quality_lines(part: dict[str, Any]) -> list[str]:
-    lines = ["{samples:10}{psnr_db:14.1f}{psnr_db_least:12.1f}{seconds:14.3f}".format(**point)
-             for point in part["curve"]]  # fmt: skip
+    row = "{samples:10}{psnr_db:14.1f}{psnr_db_least:12.1f}{seconds:14.3f}"
+    lines = [row.format(**point) for point in part["curve"]]
     return ["", f"{'samples':>10}{'PSNR dB':>14}{'least':>12}{'s per image':>14}", *lines]
 
 

@@ -24,8 +24,8 @@ PROFILE = "demo"  # its quality is the default
 SEED = 2020
 _SOURCES, _VARIATIONS = 25, 4
 
-Argument, Result = TypeVar("Argument"), TypeVar("Result")
-
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
 
 
 def parameters() -> dict:

@@ -24,7 +24,10 @@ STEPS = {
         "shaftpose.rendering.compositing:composite",
         "shaftpose.rendering.compositing:apply_lens",
     ],
-    "annotation": ["shaftpose.rendering.generator:_masks", "shaftpose.rendering.generator:Generator._instrument"],
+    "annotation": [
+        "shaftpose.rendering.generator:_masks",
+        "shaftpose.rendering.generator:Generator._instrument",
+    ],
     "JPEG and tar": ["shaftpose.shards:ShardWriter.write"],
 }
 _MORE = 8  # times the samples, to tell path tracing from all else that Blender does
