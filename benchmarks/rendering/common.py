@@ -5,7 +5,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
@@ -28,9 +28,9 @@ Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
 
-def parameters() -> dict:
+def parameters() -> dict[str, Any]:
     """The content of params.yaml."""
-    values: dict = yaml.safe_load((ROOT / "params.yaml").read_text())
+    values: dict[str, Any] = yaml.safe_load((ROOT / "params.yaml").read_text())
     return values
 
 
@@ -45,7 +45,7 @@ def default_set() -> RenderedSet:
     return RenderedSet(settings, backgrounds, SEED, images=1, images_per_shard=1)
 
 
-def _backgrounds(values: dict, size_px: int) -> dict[Path, str]:
+def _backgrounds(values: dict[str, Any], size_px: int) -> dict[Path, str]:
     """Painted anew each time, to the same bytes: file -> id of its source."""
     settings = parse(BackgroundSettings, values["backgrounds"], "params.yaml: backgrounds")
     ranges = VariationRanges(settings.hue_deg, settings.saturation, settings.brightness)

@@ -58,12 +58,13 @@ def _rate(blocks: list[Block]) -> float:
 def _block(rendered: RenderedSet, workers: int, share: int) -> Block:
     local = {"workers": workers, "address": None, "slurm": None}
     cluster = parse(ClusterSettings, parameters()["cluster"] | local, "params.yaml: cluster")
+    hang_s = cluster.hang_s
     with TemporaryDirectory(dir=SCRATCH) as name:
         folder, start = Path(name), perf_counter()
         with connect(cluster) as client:
             connect_s = perf_counter() - start
-            first_s = _seconds(rendered, workers, 1, folder / "first", client)
-            all_s = _seconds(rendered, workers, share, folder / "all", client)
+            first_s = _seconds(_part(rendered, workers, 1), folder / "first", client, hang_s)
+            all_s = _seconds(_part(rendered, workers, share), folder / "all", client, hang_s)
         return Block(
             images=workers * share,
             bytes=sum(path.stat().st_size for path in (folder / "all/out").iterdir()),
@@ -73,8 +74,12 @@ def _block(rendered: RenderedSet, workers: int, share: int) -> Block:
         )
 
 
-def _seconds(rendered: RenderedSet, shards: int, size: int, folder: Path, client: Client) -> float:
-    """How long it takes to render `shards` shards of `size` images."""
-    part, start = replace(rendered, images=shards * size, images_per_shard=size), perf_counter()
-    render_set(part, folder / "scratch", folder / "out", client, hang_s=600.0)
+def _part(rendered: RenderedSet, shards: int, size: int) -> RenderedSet:
+    return replace(rendered, images=shards * size, images_per_shard=size)
+
+
+def _seconds(rendered: RenderedSet, folder: Path, client: Client, hang_s: float) -> float:
+    """How long it takes to render a set from nothing."""
+    start = perf_counter()
+    render_set(rendered, folder / "scratch", folder / "out", client, hang_s)
     return perf_counter() - start
