@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench ui figures architecture clean
+.PHONY: help env repro report test lint format bench bench-render ui figures architecture clean
 
 help:  ## this list
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -61,7 +61,11 @@ format: $(READY)  ## mend style and format
 	ruff format .
 
 bench: $(READY)  ## images/s of the models that `make repro` made
-	python benchmarks/prediction.py
+	python -m benchmarks.prediction
+
+bench-render: $(READY)  ## images/s, quality and memory of the renderer (an hour on two idle cores)
+	python -m benchmarks.render
+	python benchmarks/scaling_table.py
 
 ui: $(READY)  ## MLflow's pages of mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own)
 	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db

@@ -6,7 +6,6 @@ suppression included, and writes them to `benchmarks/results/prediction.json`.
 
 import json
 import os
-import platform
 import statistics
 import sys
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
+from benchmarks.machine import processor
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.shards import ShardedDataset
 
@@ -61,14 +61,6 @@ def write(speeds: dict[tuple[str, int], float]) -> None:
     OUT.parent.mkdir(parents=True, exist_ok=True)
     OUT.write_text(json.dumps(result, indent=1) + "\n")
     print(f"written to {OUT.relative_to(ROOT)}")
-
-
-def processor() -> str:
-    """The processor's name, as far as the system tells it."""
-    known = Path("/proc/cpuinfo")
-    lines = known.read_text().splitlines() if known.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

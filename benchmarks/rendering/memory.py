@@ -1,0 +1,52 @@
+"""Resident memory of one worker process over many images."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import psutil
+
+from benchmarks.rendering.common import SCRATCH
+from shaftpose.errors import InputError
+from shaftpose.rendering.jobs import RenderedSet, Shard, write_set
+from shaftpose.rendering.worker import IMAGE_DONE
+from shaftpose.shards import shard_name
+
+EVERY = 50  # images between two looks
+
+
+def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
+    """Growth after the first `settled` images, and the peak in MiB."""
+    with TemporaryDirectory(dir=SCRATCH) as name:
+        shard = Shard(Path(name) / shard_name(0), 0, images)
+        write_set(replace(rendered, images=images, images_per_shard=images), Path(name))
+        resident = list(_resident_mib(shard))
+        if not shard.is_finished():
+            log = shard.log.read_text()[-2000:]
+            raise InputError(f"the worker did not finish its shard; its log ends with: {log}")
+    return {
+        "rss_growth": resident[-1] / resident[settled // EVERY - 1] - 1,
+        "rss_mib": max(resident),
+        "images": images,
+        "settled": settled,
+        "every": EVERY,
+        "mib": resident,
+    }
+
+
+def _resident_mib(shard: Shard) -> Iterator[float]:
+    """The memory of a worker at every so many images of its shard."""
+    arguments = [str(value) for value in (shard.path, shard.first, shard.count)]
+    command = [sys.executable, "-m", "shaftpose.rendering.worker", *arguments]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        watched, images = psutil.Process(process.pid), 0
+        assert process.stdout
+        for line in process.stdout:
+            images += line.strip() == IMAGE_DONE
+            if images and images % EVERY == 0:
+                yield watched.memory_info().rss / 2**20

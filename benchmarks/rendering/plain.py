@@ -1,0 +1,65 @@
+"""Our images beside those of a plain script, of the same scenes on the same cores."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from benchmarks.rendering.common import ROOT, SCRATCH, in_processes, quiet_generator
+from shaftpose.rendering.jobs import RenderedSet, write_set
+from shaftpose.shards import encode_sample
+
+_PROCESSES = 2
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one of our processes makes: the first `poses` images of a set, `rounds` times."""
+
+    rendered: RenderedSet
+    poses: int
+    rounds: int
+
+
+def measure(rendered: RenderedSet, poses: int, rounds: int) -> dict[str, Any]:
+    """Seconds per image of both, without their start: one process of theirs with all cores, and
+    two of ours with a core each, up to encoded image and annotations."""
+    ours = [Task(rendered, poses, rounds)] * _PROCESSES
+    ours_s = mean(in_processes(_seconds, ours, at_once=_PROCESSES)) / _PROCESSES
+    plain_s = mean(_plain_seconds(rendered, poses))
+    return {
+        "speedup_vs_plain": plain_s / ours_s,
+        "plain_s": plain_s,
+        "ours_s": ours_s,
+        "poses": poses,
+        "rounds": rounds,
+    }
+
+
+def _seconds(task: Task) -> float:
+    """Seconds per image of one process."""
+    rendered = task.rendered
+    with quiet_generator(rendered) as generator:
+        generator.sample(task.poses)  # the first render builds what later ones find
+        start = perf_counter()
+        for _ in range(task.rounds):
+            for index in range(task.poses):
+                encode_sample(generator.sample(index), rendered.settings.jpeg_quality)
+        return (perf_counter() - start) / (task.rounds * task.poses)
+
+
+def _plain_seconds(rendered: RenderedSet, poses: int) -> list[float]:
+    """Seconds of each image of the plain script."""
+    with TemporaryDirectory(dir=SCRATCH) as name:
+        folder = Path(name)
+        write_set(rendered, folder)
+        command = [sys.executable, "-m", "benchmarks.rendering.plain_bpy", name, str(poses)]
+        with (folder / "log").open("w") as log:
+            subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=True)
+        seconds: list[float] = json.loads((folder / "plain.json").read_text())
+    return seconds

@@ -1,0 +1,144 @@
+"""A renderer as people write it first: `python -m benchmarks.rendering.plain_bpy SET COUNT`.
+
+SET is a folder with the description of a rendered set; its first COUNT images are rendered into it.
+Blender's defaults stay, denoiser and adaptive sampling among them, but for 64 samples: every frame
+is rendered in full on all cores, written as PNG, and rendered once more, flat white, for its mask.
+Mesh, materials, light and poses are those of the project. Seconds per image go to `plain.json`.
+"""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import bpy
+import numpy as np
+
+from benchmarks.rendering.scenes import first_scenes
+from shaftpose.config import RenderSettings
+from shaftpose.geometry import ShaftPose
+from shaftpose.rendering.blender import kelvin_to_rgb, room_mesh
+from shaftpose.rendering.jobs import read_set
+from shaftpose.rendering.materials import GlowMaterial, SteelMaterial
+from shaftpose.rendering.meshes import Mesh
+from shaftpose.rendering.scene import Light, Scene, Steel
+from shaftpose.rendering.shapes import instrument_shape
+
+_SAMPLES = 64
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's camera looks along -z with y up
+_LAMPS_MM = ((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+
+
+def main() -> None:
+    """Render the images and note the seconds of each."""
+    folder, count = Path(sys.argv[1]), int(sys.argv[2])
+    rendered = read_set(folder)
+    studio = build(rendered.settings)
+    seconds = []
+    for number, scene in enumerate(first_scenes(rendered, count)):
+        start = perf_counter()
+        show(studio, scene, rendered.settings)
+        write(studio, folder / f"{number:06d}")
+        seconds.append(perf_counter() - start)
+    (folder / "plain.json").write_text(json.dumps(seconds))
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What stays from image to image."""
+
+    lamps: list[Any]
+    room: Any
+    glow: GlowMaterial
+    white: Any
+
+
+def build(settings: RenderSettings) -> Studio:
+    """A file with camera, lamps and the room of background images."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = scene.render.resolution_y = settings.camera.size_px
+    camera = bpy.data.cameras.new("scope")
+    camera.angle = np.radians(settings.camera.view_deg)
+    scene.camera = add("scope", camera)
+    glow = GlowMaterial.create("background")
+    room = add("room", mesh_data(room_mesh(60.0), glow.material))
+    white = bpy.data.materials.new("white")
+    white.use_nodes = True
+    shader = white.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Emission Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    shader.inputs["Emission Strength"].default_value = 1.0
+    return Studio([add_lamp(place) for place in _LAMPS_MM], room, glow, white)
+
+
+def add_lamp(place: tuple[float, float, float]) -> Any:
+    """A light guide beside the lens."""
+    data = bpy.data.lights.new("light guide", "AREA")
+    data.shape, data.size = "DISK", 1.5
+    lamp = add("light guide", data)
+    lamp.location = place
+    return lamp
+
+
+def show(studio: Studio, scene: Scene, settings: RenderSettings) -> None:
+    """Put background, light and shafts of one image in place of the last one's."""
+    studio.glow.apply(bpy.data.images.load(str(scene.background)), scene.light.ambient)
+    for lamp in studio.lamps:
+        light(lamp, scene.light)
+    for shaft in [thing for thing in bpy.data.objects if thing.name.startswith("shaft")]:
+        bpy.data.objects.remove(shaft)
+    for pose, steel in zip(scene.shafts, scene.steels, strict=True):
+        add_shaft(pose, steel, instrument_shape(settings.shaft).mesh)
+
+
+def light(lamp: Any, wanted: Light) -> None:
+    """Set one of the lamps."""
+    lamp.data.energy = wanted.strength / len(_LAMPS_MM)
+    lamp.data.color = kelvin_to_rgb(wanted.kelvin)
+
+
+def add_shaft(pose: ShaftPose, steel: Steel, mesh: Mesh) -> None:
+    """A new shaft at its pose."""
+    material = SteelMaterial.create("steel")
+    material.apply(steel)
+    data = mesh_data(mesh, material.material)
+    data.polygons.foreach_set("use_smooth", [len(face.vertices) <= 4 for face in data.polygons])
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.rotation, pose.tip_mm
+    add("shaft", data).matrix_world = (_FLIP @ matrix).T.tolist()
+
+
+def mesh_data(mesh: Mesh, material: Any) -> Any:
+    """A mesh with texture coordinates and one material."""
+    data = bpy.data.meshes.new("mesh")
+    data.from_pydata(mesh.vertices.tolist(), [], mesh.faces)
+    data.uv_layers.new().data.foreach_set("uv", mesh.uv.astype(np.float32).ravel())
+    data.materials.append(material)
+    return data
+
+
+def add(name: str, data: Any) -> Any:
+    """A new object in the scene."""
+    thing = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def write(studio: Studio, path: Path) -> None:
+    """Render the image, then the mask of all shafts: white before black, at one sample."""
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    scene.cycles.samples, scene.cycles.use_denoising = _SAMPLES, True
+    scene.render.filepath = str(path.with_suffix(".png"))
+    bpy.ops.render.render(write_still=True)
+    studio.room.hide_render, layer.material_override = True, studio.white
+    scene.cycles.samples, scene.cycles.use_denoising = 1, False
+    scene.render.filepath = str(path.with_suffix(".mask.png"))
+    bpy.ops.render.render(write_still=True)
+    studio.room.hide_render, layer.material_override = False, None
+
+
+if __name__ == "__main__":
+    main()

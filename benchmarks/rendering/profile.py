@@ -1,0 +1,89 @@
+"""Where the time of one image goes."""
+
+from cProfile import Profile
+from dataclasses import dataclass, replace
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from pstats import Stats
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
+from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.shards import ShardWriter, shard_name
+
+# The functions whose time, with all that they call, a step is.
+STEPS = {
+    "pose sampling": ["shaftpose.rendering.scene:SceneSampler.candidates"],
+    "rendering": ["shaftpose.rendering.blender:Renderer.render"],
+    "reading passes": ["shaftpose.rendering.cycles_passes:_copy_passes"],
+    "compositing": [
+        "shaftpose.rendering.generator:read_background",
+        "shaftpose.rendering.compositing:composite",
+        "shaftpose.rendering.compositing:apply_lens",
+    ],
+    "annotation": [
+        "shaftpose.rendering.generator:_masks",
+        "shaftpose.rendering.generator:Generator._instrument",
+    ],
+    "JPEG and tar": ["shaftpose.shards:ShardWriter.write"],
+}
+_MORE = 8  # times the samples, to tell path tracing from all else that Blender does
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one process renders under the profiler."""
+
+    rendered: RenderedSet
+    images: int
+
+
+def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
+    """Milliseconds of one image by step, the mean over `images` after the first, on one core.
+
+    Blender does not say what it spends on path tracing. It is what a set of more samples takes
+    longer, divided by how many more there are.
+    """
+    samples = rendered.settings.samples
+    more = replace(rendered, settings=replace(rendered.settings, samples=_MORE * samples))
+    own, longer = in_processes(_profile, [Task(rendered, images), Task(more, images)], at_once=1)
+    tracing = (longer["rendering"] - own["rendering"]) / (_MORE - 1)
+    rendering = own.pop("rendering")
+    own["path tracing"] = tracing
+    own["Blender's preparation"] = rendering - tracing - own["reading passes"]
+    total = own.pop("total")
+    own["the rest"] = total - sum(own.values())
+    return {"milliseconds": own, "total_milliseconds": total, "images": images}
+
+
+def _profile(task: Task) -> dict[str, float]:
+    """Milliseconds per image of each step and of all together."""
+    rendered = task.rendered
+    with TemporaryDirectory(dir=SCRATCH) as folder, quiet_generator(rendered) as generator:
+        shard = Path(folder) / shard_name(0)
+        with ShardWriter(shard, rendered.settings.jpeg_quality) as writer:
+            writer.write(generator.sample(0))
+            profile, start = Profile(), perf_counter()
+            with profile:
+                for index in range(1, task.images + 1):
+                    writer.write(generator.sample(index))
+            seconds = perf_counter() - start
+    spent = {step: _seconds(profile, *names) for step, names in STEPS.items()}
+    spent["total"] = seconds
+    return {step: 1000 * value / task.images for step, value in spent.items()}
+
+
+def _seconds(profile: Profile, *names: str) -> float:
+    """Seconds in functions and in all that they call."""
+    known = Stats(profile).stats  # type: ignore[attr-defined]
+    return sum(known[key][3] for key in map(_key, names) if key in known)
+
+
+def _key(name: str) -> tuple[str, int, str]:
+    """How the profiler calls a function, given as `module:name`."""
+    module, _, path = name.partition(":")
+    code = attrgetter(path)(import_module(module)).__code__
+    return code.co_filename, code.co_firstlineno, code.co_name

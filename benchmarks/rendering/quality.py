@@ -1,0 +1,114 @@
+"""How near images are to what infinitely many samples would show, and what nearness costs."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
+from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.shards import Sample
+
+_PROCESSES = 2
+
+
+@dataclass(frozen=True)
+class Task:
+    """Images of a set for one process; its number of samples must stay the same.
+
+    references: the folder of the images they are compared with, or are written to.
+    """
+
+    rendered: RenderedSet
+    indices: range
+    references: Path
+
+
+def measure(
+    rendered: RenderedSet, poses: int, reference_samples: int, sample_counts: Iterable[int]
+) -> dict[str, Any]:
+    """PSNR inside the visible masks, the median over `poses` images, before JPEG compression, by
+    the number of samples; seconds are the median of one image on one core."""
+    references = _references(_with_samples(rendered, reference_samples), poses)
+    default = rendered.settings.samples
+    tasks = [
+        Task(_with_samples(rendered, samples), range(poses), references)
+        for samples in sorted({*sample_counts, default})
+    ]
+    curve = in_processes(_compare, tasks, at_once=1)
+    (own,) = (point for point in curve if point["samples"] == default)
+    return {
+        "psnr_db": own["psnr_db"],
+        "curve": curve,
+        "poses": poses,
+        "reference_samples": reference_samples,
+    }
+
+
+def _with_samples(rendered: RenderedSet, samples: int) -> RenderedSet:
+    return replace(rendered, settings=replace(rendered.settings, samples=samples))
+
+
+def _references(rendered: RenderedSet, poses: int) -> Path:
+    """A folder of the first `poses` images, kept for the next run with the same software."""
+    folder = SCRATCH / f"reference-{rendered.fingerprint()}"
+    folder.mkdir(parents=True, exist_ok=True)
+    tasks = [Task(rendered, range(n, poses, _PROCESSES), folder) for n in range(_PROCESSES)]
+    in_processes(_write_references, tasks, at_once=_PROCESSES)
+    return folder
+
+
+def _write_references(task: Task) -> None:
+    missing = [index for index in task.indices if not _path(task, index).exists()]
+    for sample, _ in _samples(task.rendered, missing):
+        path = _path(task, int(sample.key))
+        part = path.with_suffix(".part.npz")
+        np.savez_compressed(part, rgb=sample.rgb, mask=_mask(sample))
+        part.replace(path)
+
+
+def _compare(task: Task) -> dict[str, Any]:
+    """One point of the curve."""
+    found, seconds = [], []
+    for sample, taken in _samples(task.rendered, task.indices):
+        with np.load(_path(task, int(sample.key))) as reference:
+            found.append(psnr_db(sample.rgb, reference["rgb"], reference["mask"]))
+        seconds.append(taken)
+    return {
+        "samples": task.rendered.settings.samples,
+        "psnr_db": median(found),
+        "psnr_db_least": min(found),
+        "seconds": median(seconds),
+    }
+
+
+def _samples(rendered: RenderedSet, indices: Iterable[int]) -> Iterator[tuple[Sample, float]]:
+    """Images and the seconds that each took."""
+    with quiet_generator(rendered) as generator:
+        for index in indices:
+            start = perf_counter()
+            sample = generator.sample(index)
+            yield sample, perf_counter() - start
+
+
+def _path(task: Task, index: int) -> Path:
+    return task.references / f"{index:06d}.npz"
+
+
+def _mask(sample: Sample) -> NDArray[np.bool_]:
+    """(H, W) what is visible of all shafts."""
+    mask: NDArray[np.bool_] = np.any([i.mask for i in sample.instruments], axis=0)
+    return mask
+
+
+def psnr_db(
+    image: NDArray[np.uint8], reference: NDArray[np.uint8], mask: NDArray[np.bool_]
+) -> float:
+    """10 log10(255^2 / mean squared difference) of (H, W, 3) inside a mask (H, W)."""
+    difference = image[mask].astype(float) - reference[mask]
+    return float(10 * np.log10(255**2 / np.mean(difference**2)))
