@@ -61,4 +61,5 @@ def test_the_figure_shows_the_medians_of_filled_bins():
     figure = binned_error_figure({"C": BINS, "D": BINS})
     depth = figure.axes[0]
     np.testing.assert_allclose(depth.lines[1].get_xydata(), [[12.5, 2.0], [37.5, 4.0]])
+    assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]

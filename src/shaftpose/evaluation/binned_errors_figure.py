@@ -36,8 +36,8 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
                 _draw(axes, bins[quantity], f"{error}_median", title, index)
             if quantity == "yaw_from_seam_deg":
                 axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
-            axes.set_ylim(bottom=0)
             finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")
+        row[0].set_ylim(bottom=0)  # shared, and fixed from here on
     legend(figure, panels[0, 0])
     return figure
 
