@@ -25,14 +25,14 @@ from lightning import Callback, LightningModule, Trainer
 from omegaconf import OmegaConf
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "pipelines"))
+sys.path[:0] = [str(ROOT), str(ROOT / "pipelines")]
 
 from networks import variant  # noqa: E402
-from prediction import processor  # noqa: E402
 from settings import size  # noqa: E402
 from stage import Config  # noqa: E402
 from train import build_module, build_trainer, training_data  # noqa: E402
 
+from benchmarks.prediction import processor  # noqa: E402
 from shaftpose.batches import Batch, Targets  # noqa: E402
 from shaftpose.config import Size  # noqa: E402
 from shaftpose.dataset.skipped import SkippedImages  # noqa: E402

@@ -1,7 +1,8 @@
 """Where pose errors are large: by depth, pitch, yaw and how much of a shaft is visible."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ EDGES: Mapping[str, Sequence[float]] = {
     "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
 }
 ERRORS = ("tip_mm", "axis_deg")
+MEASURES: Mapping[str, Callable[[Array], Any]] = {"mean": np.mean, "median": np.median}
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,8 @@ def _bins(errors: PoseErrors, values: Array, edges: Sequence[float]) -> list[Err
 
 
 def _summary(errors: PoseErrors, chosen: NDArray[np.bool_]) -> dict[str, float | None]:
-    measures = {"mean": np.mean, "median": np.median}
     return {
         f"{error}_{measure}": float(of(getattr(errors, error)[chosen])) if chosen.any() else None
         for error in ERRORS
-        for measure, of in measures.items()
+        for measure, of in MEASURES.items()
     }
