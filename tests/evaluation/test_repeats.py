@@ -1,5 +1,6 @@
 """Repeated trainings as one row, by hand, and the page that shows them."""
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
 from shaftpose.evaluation.repeats import by_scale, repeated
+from shaftpose.evaluation.report import to_json
 from shaftpose.evaluation.results_page import to_page
 
 ROOT = Path(__file__).parents[2]
@@ -18,7 +20,8 @@ import results_page  # noqa: E402
 
 
 def row(seed: int, variant: str = "d", steps: int = 3000, **metrics: float | None) -> VariantRow:
-    return VariantRow(variant, metrics, 900, 100, steps, 16, 0.25, (seed,), 1_000)
+    title = variant.upper()
+    return VariantRow(variant, metrics, 900, 100, steps, 16, 0.25, (seed,), 1_000, 0, title)
 
 
 def test_mean_and_half_range_by_hand():
@@ -58,8 +61,10 @@ def test_the_page_shows_benchmarks():
     assert "s:\n\n| a |\n| --- |\n| 1 |" in page()
 
 
-def test_the_page_in_docs_is_made_of_the_files_that_are_there():
-    assert (ROOT / "docs/results.md").read_text() == results_page.page(ROOT)
+def test_the_recorded_report_is_read_as_it_was_written():
+    rows = [row(7, mAP=0.5), repeated([row(7, "c", mAP=0.1), row(8, "c", mAP=0.3)])]
+    report = AblationReport(rows, {"mAP": 0.0}, {}, "stand-in", Champion("d", "the best one"))
+    assert results_page.read_report(json.loads(to_json(report))) == report
 
 
 def test_a_run_of_no_profile_is_refused():
