@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-render ui figures architecture clean
+.PHONY: help env repro report test lint format bench bench-render bench-train ui figures architecture results clean
 
 help:  ## this list
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -67,6 +67,9 @@ bench-render: $(READY)  ## images/s, quality and memory of the renderer (an hour
 	python -m benchmarks.render
 	python benchmarks/scaling_table.py
 
+bench-train: $(READY)  ## images/s of the network's step alone and of whole trainings
+	python -m benchmarks.training
+
 ui: $(READY)  ## MLflow's pages of mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own)
 	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
 
@@ -80,6 +83,9 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 architecture: $(READY)  ## draw the picture and write the tables of docs/architecture.md
 	python tools/architecture_tables.py
 	python tools/architecture_diagram.py
+
+results: $(READY)  ## write docs/results.md from the recorded reports and benchmarks
+	python tools/results_page.py
 
 clean:  ## remove data/scratch, from which interrupted renders and trainings continue
 	rm -rf data/scratch

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from networks import variant
 from predictions import least_confidence, predict
 from results import read_training, write_json
@@ -16,6 +17,7 @@ from shaftpose.dataset.split import read_keys
 from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
+from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.metrics import evaluate
@@ -49,6 +51,7 @@ def main(config: Config) -> None:
         COLUMNS,
     )
     errors = pose_errors(found, known, confidence)
+    visible = np.array([part for key in keys for part in shards.visible_fractions(key)])
     figures = write_figures(out / "figures", chosen.name, curve, errors, sheet)
     write_json(out / "metrics.json", metrics.as_dict())
     training = read_training(model_folder)
@@ -57,6 +60,7 @@ def main(config: Config) -> None:
         "real_share": chosen.real_share,
         "metrics": metrics.as_dict(),
         "training": training,
+        "binned_errors": as_plain(binned_errors(errors, visible)),
         "precision_recall": {name: values.tolist() for name, values in vars(curve).items()},
         "curves": read_curves(model_folder / "curves.csv"),
     }

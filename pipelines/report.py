@@ -20,6 +20,8 @@ from shaftpose.evaluation.ablation import (
     variant_title,
 )
 from shaftpose.evaluation.average_precision import PrecisionRecall
+from shaftpose.evaluation.binned_errors import from_plain
+from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import (
     ablation_figure,
@@ -126,10 +128,12 @@ def draw_figures(
         title: [tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]
         for title, result in titled.items()
     }
+    bins = {title: from_plain(result["binned_errors"]) for title, result in titled.items()}
     figures = {
         "Ablation": ablation_figure(rows, constant, domain),
         "Precision and recall": precision_recall_figure(curves),
         "Learning curves": learning_curve_figure(learning),
+        "Binned errors": binned_error_figure(bins),
     }
     paths = {}
     for title, figure in figures.items():

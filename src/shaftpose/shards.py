@@ -265,6 +265,10 @@ class ShardedDataset:
         encoded = self._json(key, "mask_visib.json")
         return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
 
+    def visible_fractions(self, key: str) -> list[float]:
+        """The share of each instrument of one image that nothing hides."""
+        return [float(info["visib_fract"]) for info in self._json(key, "gt_info.json")]
+
     def facts(self, key: str) -> dict[str, Any]:
         """The content of shaft.json."""
         facts: dict[str, Any] = self._json(key, "shaft.json")

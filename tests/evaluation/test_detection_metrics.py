@@ -108,5 +108,15 @@ def test_detected_rate_counts_instruments_above_the_confidence():
     assert detected_rate(finds, truth, iou_threshold=0.3) == 0.75
 
 
+def test_one_box_finds_only_one_of_two_crossing_shafts():
+    # Boxes of 10 x 10 and 10 x 8 about one place. A box of 10 x 9 overlaps them by 9/10 and 8/9;
+    # one of 10 x 8 is the second exactly.
+    truth = [known(LEFT, [0, 0, 10, 8])]
+    between, second = (0.9, [0, 0, 10, 9]), (0.8, [0, 0, 10, 8])
+    assert detected_rate([found(between)], truth) == 0.5
+    assert detected_rate([found(between, between)], truth) == 0.5
+    assert detected_rate([found(between, second)], truth) == 1
+
+
 def test_detected_rate_without_instruments_is_undefined():
     assert detected_rate([found((0.9, LEFT))], [known()]) is None

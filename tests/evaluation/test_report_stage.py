@@ -4,12 +4,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
+
+from shaftpose.evaluation.binned_errors import as_plain, binned_errors
+from shaftpose.evaluation.pose_errors import errors_between
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "pipelines"))
 
 import report  # noqa: E402
+
+POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
 
 
 def result(title: str, real_share: float) -> dict[str, Any]:
@@ -22,11 +28,14 @@ def result(title: str, real_share: float) -> dict[str, Any]:
             "training_images": 90, "steps": 10, "batch_size": 4, "width": 0.125, "seed": 7,
             "parameters": 1000,
         },
+        "binned_errors": as_plain(binned_errors(errors_between(POSES + 1, POSES), np.ones(1))),
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
         "curves": [[1, "validation/mAP", 0.1], [2, "validation/mAP", 0.2]],
     }  # fmt: skip
 
 
+# What stands behind the title of a variant in the legends.
+FIGURE_LABELS = {"precision_and_recall": " (AP 0.500)", "learning_curves": "", "binned_errors": ""}
 RESULTS = {"d": result("D", 0.0), "d_noise_real": result("D + noise + real", 2 / 11)}
 
 
@@ -58,7 +67,7 @@ def test_every_figure_says_what_was_mixed_in(
     rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
     files = report.draw_figures(RESULTS, rows, {}, domain, tmp_path)
     assert {path.stem for path in files.values()} == drawn.keys()
-    for name, end in (("precision_and_recall", " (AP 0.500)"), ("learning_curves", "")):
+    for name, end in FIGURE_LABELS.items():
         labels = [text.get_text() for text in drawn[name].legends[0].get_texts()]
         assert labels == [f"D{end}", f"D + noise + {domain}{end}"]
     ticks = [tick.get_text() for tick in drawn["ablation"].axes[0].get_yticklabels()]

@@ -16,9 +16,10 @@ MetricValues = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class VariantRow:
-    """One trained variant.
+    """One variant, trained once or, with other seeds, several times.
 
-    `metrics` are those of `Metrics.as_dict()` (means over `seeds`); `width` is the backbone's
+    `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
+    each, empty if it was trained once. `width` is the backbone's
     channel multiplier; `parameters` counts the network's weights. `mixed_in_images` are real, or
     stand-in, images that it was trained on besides `training_images`. `title` is needed only by
     variants that the paper does not have.
@@ -35,6 +36,7 @@ class VariantRow:
     parameters: int
     mixed_in_images: int = 0
     title: str = ""
+    spread: MetricValues = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
 """Pose errors of the instruments that were found."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shaftpose.evaluation.boxes import Array, best_instruments, first_hits
+from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
 from shaftpose.geometry import axis_direction
 from shaftpose.instruments import POSE_DIMENSIONS, Annotations, Detections
 
@@ -18,13 +18,14 @@ class PoseErrors:
 
     differences: (M, 5) predicted minus true in mm and deg, yaw the short way round;
     axis_deg: (M,) angle between the shafts' axes; tip_mm: (M,) distance between the tips;
-    true_poses: (M, 5).
+    true_poses: (M, 5); instruments: (M,) which ones they are, numbered through all images.
     """
 
     differences: Array
     axis_deg: Array
     tip_mm: Array
     true_poses: Array
+    instruments: Indices
 
     @property
     def absolute(self) -> Array:
@@ -51,20 +52,23 @@ def pose_errors(
     poses are unknown are passed over.
     """
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
+    instruments, offset = [np.empty(0, dtype=np.intp)], 0
     for found, known in zip(detections, annotations, strict=True):
-        if known.poses is None:
-            continue
-        found = found.above(confidence)
-        order = np.argsort(-found.scores, kind="stable")
-        hit = best_instruments(found.boxes[order], known.boxes, iou_threshold)
-        first = first_hits(hit)
-        predicted.append(found.poses[order][first])
-        true.append(known.poses[hit[first]])
-    return errors_between(np.concatenate(predicted), np.concatenate(true))
+        if known.poses is not None:
+            found = found.above(confidence)
+            order = np.argsort(-found.scores, kind="stable")
+            hit = best_instruments(found.boxes[order], known.boxes, iou_threshold)
+            first = first_hits(hit)
+            predicted.append(found.poses[order][first])
+            true.append(known.poses[hit[first]])
+            instruments.append(hit[first] + offset)
+        offset += len(known.boxes)
+    errors = errors_between(np.concatenate(predicted), np.concatenate(true))
+    return replace(errors, instruments=np.concatenate(instruments))
 
 
 def errors_between(predicted: Array, true: Array) -> PoseErrors:
-    """Errors of predicted poses (M, 5) paired with true poses (M, 5)."""
+    """Errors of predicted poses (M, 5) paired with true poses (M, 5), numbered in their order."""
     differences = predicted - true
     differences[:, YAW] = (differences[:, YAW] + 180.0) % 360.0 - 180.0
     axes = axis_direction(predicted[:, 3], predicted[:, 4]), axis_direction(true[:, 3], true[:, 4])
@@ -73,6 +77,7 @@ def errors_between(predicted: Array, true: Array) -> PoseErrors:
         axis_deg=_angles_deg(*axes),
         tip_mm=np.linalg.norm(differences[:, :3], axis=-1),
         true_poses=true,
+        instruments=np.arange(len(true)),
     )
 
 

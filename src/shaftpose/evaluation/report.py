@@ -24,24 +24,32 @@ HEADLINES = (
 
 def to_markdown(report: AblationReport) -> str:
     """The report as Markdown, paper values first; figures are in the HTML file alone."""
-    headings_i = ["Variant", *(column.heading for column in report_tables.TABLE_I_COLUMNS)]
+    return "\n\n".join(["# Ablation report", *blocks(report)]) + "\n"
+
+
+def blocks(report: AblationReport) -> list[str]:
+    """The report's champion, tables and notes as Markdown, below the heading."""
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
-    blocks = [
-        "# Ablation report",
+    return [
         f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
         "## Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
-        _pipe_table(headings_i, [_pair_cells(row) for row in report_tables.table_i(report)]),
+        table_i_block(report_tables.table_i(report)),
         *report_tables.table_i_scale(report),
         "## Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
-        _pipe_table(headings_ii, rows_ii),
+        pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
         "## How each variant was trained",
-        _pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
+        pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
     ]
-    return "\n\n".join(blocks) + "\n"
+
+
+def table_i_block(rows: list[ComparedRow]) -> str:
+    """Lines of Table I as Markdown, paper values first."""
+    headings = ["Variant", *(column.heading for column in report_tables.TABLE_I_COLUMNS)]
+    return pipe_table(headings, [_pair_cells(row) for row in rows])
 
 
 def to_json(report: AblationReport) -> str:
@@ -103,7 +111,8 @@ def _domains(row: ComparedRow) -> str:
     return row.domain if row.paper is None else f"{row.paper_domain} / {row.domain}"
 
 
-def _pipe_table(headings: list[str], rows: list[list[str]]) -> str:
+def pipe_table(headings: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
     lines = [headings, ["---"] * len(headings), *rows]
     return "\n".join("| " + " | ".join(_escape(cell) for cell in line) + " |" for line in lines)
 

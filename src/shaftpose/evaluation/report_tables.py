@@ -91,17 +91,24 @@ def champion_title(report: AblationReport) -> str:
 
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant beside the paper's row, then the constant predictor."""
-    rows = [
-        ComparedRow(
-            title=variant_title(row.variant, report.domain_label, row.title),
-            paper=_paper_cells(row.variant),
-            ours=_cells(_measured(row), TABLE_I_COLUMNS),
-            champion=row.variant == report.champion.variant,
-        )
-        for row in report.rows
-    ]
+    rows = beside_paper(report.rows, report.domain_label, report.champion.variant)
     constant = ComparedRow("Constant predictor", None, _cells(report.constant, TABLE_I_COLUMNS))
     return [*rows, constant]
+
+
+def beside_paper(
+    rows: Iterable[VariantRow], domain_label: str, champion: str = ""
+) -> list[ComparedRow]:
+    """Variants beside the paper's rows, with `±` half the range if trained more than once."""
+    return [
+        ComparedRow(
+            title=variant_title(row.variant, domain_label, row.title),
+            paper=_paper_cells(row.variant),
+            ours=_cells(_measured(row), TABLE_I_COLUMNS, row.spread),
+            champion=row.variant == champion,
+        )
+        for row in rows
+    ]
 
 
 def table_ii(report: AblationReport) -> list[ComparedRow]:
@@ -199,8 +206,16 @@ def _measured(row: VariantRow) -> dict[str, float | int | None]:
     return {**row.metrics, "training_images": row.training_images, "steps": row.steps}
 
 
-def _cells(values: MetricValues, columns: tuple[Column, ...]) -> list[str]:
-    return [show(values.get(column.name), column.decimals) for column in columns]
+def _cells(
+    values: MetricValues, columns: tuple[Column, ...], spread: MetricValues | None = None
+) -> list[str]:
+    cells = [show(values.get(column.name), column.decimals) for column in columns]
+    if not spread:
+        return cells
+    return [
+        f"{cell} ± {show(spread[column.name], column.decimals)}" if column.name in spread else cell
+        for cell, column in zip(cells, columns, strict=True)
+    ]
 
 
 def _paper_cells(variant: str) -> list[str] | None:

@@ -1,0 +1,217 @@
+"""How fast networks train: `make bench-train`, after `dvc repro split real_images`.
+
+For width 1.0 and the width of the profile `bench`: images per second of (a) the network's step
+alone, forward, loss, backward and optimiser on one batch again and again, and (b) whole training
+steps by the pipeline's trainer, which reads, decodes and augments the images. The two are timed in
+turns, so that whatever else the machine does hits both. Prints them and writes
+`benchmarks/results/train.json`; on a GPU, at the paper's batch of 32 and at the fastest batch.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_dir
+from lightning import Callback, LightningModule, Trainer
+from omegaconf import OmegaConf
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "pipelines")]
+
+from networks import variant  # noqa: E402
+from settings import size  # noqa: E402
+from stage import Config  # noqa: E402
+from train import build_module, build_trainer, training_data  # noqa: E402
+
+from benchmarks.prediction import processor  # noqa: E402
+from shaftpose.batches import Batch, Targets  # noqa: E402
+from shaftpose.config import Size  # noqa: E402
+from shaftpose.dataset.skipped import SkippedImages  # noqa: E402
+from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.network.curves import Curves  # noqa: E402
+from shaftpose.network.module import ShaftModule  # noqa: E402
+from shaftpose.network.shaft_network import normalise_images  # noqa: E402
+
+OUT = ROOT / "benchmarks/results/train.json"
+VARIANT = "d"
+PROFILES = ("paper", "bench")
+# A GPU is tried with batches that grow until its memory is full.
+BATCHES = {"cpu": (8,), "cuda": (32, 64, 128, 256, 512)}
+STEPS = {"cpu": 10, "cuda": 100}
+ROUNDS, WARM_UP = 5, 3
+
+
+class Clock(Callback):
+    """Seconds from the end of step `first` to the end of step `last`."""
+
+    def __init__(self, first: int, last: int) -> None:
+        self._times: dict[int, float] = {}
+        self._first, self._last = first, last
+
+    @property
+    def seconds(self) -> float:
+        """The time between the two."""
+        return self._times[self._last] - self._times[self._first]
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Read the clock."""
+        if trainer.global_step in (self._first, self._last):
+            self._times[trainer.global_step] = now()
+
+
+def main() -> None:
+    """Time both widths at each batch size that the device is tried with."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    parser.add_argument("--steps", type=int, default=STEPS[device], help="of each timed block")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="blocks of each kind")
+    arguments = parser.parse_args()
+    os.chdir(ROOT)
+    try:
+        widths = dict(timed_profile(p, device, arguments.steps, arguments.rounds) for p in PROFILES)
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    name = torch.cuda.get_device_name() if device == "cuda" else processor()
+    about = {"device": name, "cores": os.cpu_count(), "threads": torch.get_num_threads()}
+    counts = {"steps": arguments.steps, "rounds": arguments.rounds}
+    result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
+    OUT.parent.mkdir(parents=True, exist_ok=True)
+    OUT.write_text(json.dumps({**result, "width": widths}, indent=1) + "\n")
+    print(f"written to {OUT.relative_to(ROOT)}")
+
+
+def timed_profile(
+    profile: str, device: str, steps: int, rounds: int
+) -> tuple[str, dict[str, float | list[dict[str, float]]]]:
+    """The profile's width and its speeds: those at the first batch size, and each that was tried.
+
+    The fastest batch size is the one with the most `loop_images_per_s`.
+    """
+    config = composed(profile)
+    speeds = []
+    for batch_size in BATCHES[device]:
+        sizes = replace(size(config), batch_size=batch_size, steps=WARM_UP + steps)
+        try:
+            speeds.append(timed(config, sizes, torch.device(device), rounds))
+        except torch.OutOfMemoryError:
+            torch.cuda.empty_cache()
+            break
+        shown = "  ".join(f"{key} {value:g}" for key, value in speeds[-1].items())
+        print(f"width {sizes.width:g}  {shown}", flush=True)
+    if not speeds:
+        raise InputError(f"{profile}: a batch of {BATCHES[device][0]} does not fit on the {device}")
+    best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
+    return f"{size(config).width:g}", {**speeds[0], "best_batch_size": best["batch_size"]} | {
+        "batches": speeds
+    }
+
+
+def composed(profile: str) -> Config:
+    """The pipeline's configuration at a profile's sizes."""
+    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
+        # What Hydra fills in for a script that it starts.
+        overrides = ["out=.", f"variant_file={VARIANT}", f"variant={VARIANT}"]
+        content = compose("config", [*overrides, f"profile={profile}"])
+    config = OmegaConf.to_container(content, resolve=True)
+    assert isinstance(config, dict)
+    return {str(key): value for key, value in config.items()}
+
+
+def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dict[str, float]:
+    """Speeds at one width and batch size: medians over blocks of each kind, in turns."""
+    module, steps = build_module(config, sizes), sizes.steps - WARM_UP
+    batch = first_batch(config, sizes, device)
+    loop, alone, assigning = [], [], []
+    for _ in range(rounds):
+        loop.append(loop_seconds(config, sizes, module) / steps)
+        module.to(device).train()
+        alone.append(block_seconds(network_step(module, batch, sizes), steps) / steps)
+        assigning.append(block_seconds(assignment(module, batch), steps) / steps)
+    loop_s, step_s = statistics.median(loop), statistics.median(alone)
+    return {
+        "batch_size": sizes.batch_size,
+        "step_images_per_s": round(sizes.batch_size / step_s, 2),
+        "loop_images_per_s": round(sizes.batch_size / loop_s, 2),
+        "loop_over_step": round(step_s / loop_s, 3),
+        "matching_and_mining_share": round(statistics.median(assigning) / step_s, 4),
+    }
+
+
+def loop_seconds(config: Config, sizes: Size, module: ShaftModule) -> float:
+    """Seconds of the training steps after the warm-up, without validation."""
+    with tempfile.TemporaryDirectory() as folder:
+        trainer = build_trainer(config, sizes, Path(folder), Curves())
+        trainer.limit_val_batches = 0
+        clock = Clock(WARM_UP, sizes.steps)
+        trainer.callbacks.append(clock)  # type: ignore[attr-defined]
+        skipped = SkippedImages(Path(folder) / "skipped_images.txt")
+        trainer.fit(module, training_data(config, variant(config), sizes, skipped))
+    return clock.seconds
+
+
+def first_batch(config: Config, sizes: Size, device: torch.device) -> Batch:
+    """The batch that a training begins with."""
+    with tempfile.TemporaryDirectory() as folder:
+        skipped = SkippedImages(Path(folder) / "skipped_images.txt")
+        data = training_data(config, variant(config), sizes, skipped)
+        batches: Iterator[Any] = iter(data.train_dataloader())
+        images, targets = next(batches)
+    return Batch(images.to(device), Targets(*(values.to(device) for values in targets)))
+
+
+def network_step(module: ShaftModule, batch: Batch, sizes: Size) -> Callable[[], None]:
+    """Forward, loss, backward and optimiser on the one batch."""
+    network, loss = module.network, module.loss
+    optimizer = torch.optim.Adam(network.parameters(), lr=sizes.learning_rate, fused=True)
+    mixed = torch.autocast(
+        batch.images.device.type, torch.bfloat16, enabled=sizes.precision == "bf16-mixed"
+    )
+
+    def step() -> None:
+        optimizer.zero_grad()
+        with mixed:
+            outputs = network(normalise_images(batch.images))
+            terms = loss(outputs, batch.targets, network.defaults, network.pose_coder)
+        terms.total.backward()
+        optimizer.step()
+
+    return step
+
+
+def assignment(module: ShaftModule, batch: Batch) -> Callable[[], object]:
+    """Matching and mining alone, on the outputs for the one batch."""
+    with torch.no_grad():
+        outputs = module.network(normalise_images(batch.images))
+    return lambda: module.loss.assign(outputs, batch.targets, module.network.defaults)
+
+
+def block_seconds(step: Callable[[], object], steps: int) -> float:
+    """Seconds of so many steps, after the warm-up."""
+    for _ in range(WARM_UP):
+        step()
+    start = now()
+    for _ in range(steps):
+        step()
+    return now() - start
+
+
+def now() -> float:
+    """Seconds by the clock, when the GPU has done all that it was given."""
+    if torch.cuda.is_available():
+        torch.cuda.synchronize()
+    return time.perf_counter()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""Where pose errors are large: by depth, pitch, yaw and how much of a shaft is visible."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.evaluation.boxes import Array
+from shaftpose.evaluation.pose_errors import PoseErrors
+from shaftpose.instruments import POSE_DIMENSIONS
+
+# Edges of the bins, made for the paper's ranges of poses; the outer bins take what lies beyond. Yaw
+# is counted from the seam, where 358 deg meets 0: an angle learned as a number jumps there.
+EDGES: Mapping[str, Sequence[float]] = {
+    "z_mm": (10, 15, 20, 25, 30, 35, 40),
+    "pitch_deg": (50, 57.5, 65, 72.5, 80, 90),
+    "yaw_from_seam_deg": (-180, -120, -60, -30, -10, 0, 10, 30, 60, 120, 180),
+    "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
+}
+ERRORS = ("tip_mm", "axis_deg")
+MEASURES: Mapping[str, Callable[[Array], Any]] = {"mean": np.mean, "median": np.median}
+
+
+@dataclass(frozen=True)
+class ErrorBin:
+    """The instruments that were found between two values of a quantity.
+
+    Mean and median of their absolute errors; None where there is no instrument.
+    """
+
+    low: float
+    high: float
+    count: int
+    tip_mm_mean: float | None
+    tip_mm_median: float | None
+    axis_deg_mean: float | None
+    axis_deg_median: float | None
+
+
+def binned_errors(errors: PoseErrors, visible_fractions: Array) -> dict[str, list[ErrorBin]]:
+    """The bins of each quantity of `EDGES`.
+
+    visible_fractions: of each instrument of the set (G,), numbered as `errors.instruments` is.
+    """
+    true = dict(zip(POSE_DIMENSIONS, errors.true_poses.T, strict=True))
+    values = {
+        "z_mm": true["z_mm"],
+        "pitch_deg": true["pitch_deg"],
+        "yaw_from_seam_deg": (true["yaw_deg"] + 180.0) % 360.0 - 180.0,
+        "visible_fraction": visible_fractions[errors.instruments],
+    }
+    return {name: _bins(errors, values[name], edges) for name, edges in EDGES.items()}
+
+
+def as_plain(bins: Mapping[str, Sequence[ErrorBin]]) -> dict[str, list[dict[str, float | None]]]:
+    """Plain values by quantity, ready for JSON; `from_plain` is the way back."""
+    return {quantity: [asdict(one) for one in row] for quantity, row in bins.items()}
+
+
+def from_plain(
+    content: Mapping[str, Sequence[Mapping[str, float | None]]],
+) -> dict[str, list[ErrorBin]]:
+    """What `as_plain` was made of."""
+    return {q: [ErrorBin(**one) for one in row] for q, row in content.items()}  # type: ignore[arg-type]
+
+
+def _bins(errors: PoseErrors, values: Array, edges: Sequence[float]) -> list[ErrorBin]:
+    bins = np.digitize(values, edges[1:-1])
+    return [
+        ErrorBin(low, high, int(np.sum(bins == n)), **_summary(errors, bins == n))
+        for n, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+    ]
+
+
+def _summary(errors: PoseErrors, chosen: NDArray[np.bool_]) -> dict[str, float | None]:
+    return {
+        f"{error}_{measure}": float(of(getattr(errors, error)[chosen])) if chosen.any() else None
+        for error in ERRORS
+        for measure, of in MEASURES.items()
+    }

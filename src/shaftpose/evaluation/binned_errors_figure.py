@@ -1,0 +1,55 @@
+"""The figure of binned errors: all variants side by side."""
+
+from collections.abc import Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from shaftpose.evaluation.binned_errors import EDGES, ERRORS, ErrorBin
+from shaftpose.evaluation.figure_style import (
+    COLOURS,
+    LINE_STYLES,
+    finish,
+    legend,
+    new_figure,
+)
+
+QUANTITY_LABELS = {
+    "z_mm": "true z [mm]",
+    "pitch_deg": "true pitch [deg]",
+    "yaw_from_seam_deg": "true yaw from the seam [deg]",
+    "visible_fraction": "visible fraction",
+}
+ERROR_LABELS = {"tip_mm": "tip error [mm]", "axis_deg": "axis error [deg]"}
+
+
+def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]) -> Figure:
+    """Median error in each bin, by variant title: a column for each quantity, a row for each error.
+
+    A dotted line at 0 deg marks the seam of the yaw. Bins without an instrument are left out.
+    """
+    figure = new_figure(16.0, 6.4)
+    panels = figure.subplots(len(ERRORS), len(EDGES), sharey="row")
+    for row, error in zip(panels, ERRORS, strict=True):
+        for axes, quantity in zip(row, EDGES, strict=True):
+            for index, (title, bins) in enumerate(variants.items()):
+                _draw(axes, bins[quantity], f"{error}_median", title, index)
+            if quantity == "yaw_from_seam_deg":
+                axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
+            finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")
+        row[0].set_ylim(bottom=0)  # shared, and fixed from here on
+    legend(figure, panels[0, 0])
+    return figure
+
+
+def _draw(axes: Axes, bins: Sequence[ErrorBin], value: str, title: str, index: int) -> None:
+    filled = [one for one in bins if one.count]
+    axes.plot(
+        [(one.low + one.high) / 2 for one in filled],
+        [getattr(one, value) for one in filled],
+        label=title,
+        color=COLOURS[index % len(COLOURS)],
+        linestyle=LINE_STYLES[index % len(LINE_STYLES)],
+        marker="o",
+        markersize=3.5,
+    )

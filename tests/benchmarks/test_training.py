@@ -1,0 +1,41 @@
+"""What `make bench-train` times is the work of a training."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+import training  # noqa: E402
+from training import assignment, block_seconds, composed, network_step  # noqa: E402
+
+from shaftpose.dataset.training_data import pad_batch  # noqa: E402
+from shaftpose.instruments import Annotations  # noqa: E402
+
+
+def test_widths_are_those_of_the_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    widths = [composed(profile)["size"]["width"] for profile in training.PROFILES]
+    assert widths[0] == 1.0
+    assert 0 < widths[1] < 1
+
+
+def test_the_step_alone_trains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    config = composed("smoke")
+    sizes = training.size(config)
+    module = training.build_module(config, sizes).train()
+    rgb = np.random.default_rng(0).integers(0, 256, (299, 299, 3), dtype=np.uint8)
+    known = Annotations(np.array([[50.0, 50, 200, 200]]), np.array([[0.0, 0, 20, 70, 100]]))
+    batch = pad_batch([(rgb, known)] * 2)
+    stem = next(module.network.parameters())  # what the gradient reaches last
+    before = stem.detach().clone()
+    assert block_seconds(network_step(module, batch, sizes), 1) > 0
+    assert not torch.equal(stem, before)
+    assigned = assignment(module, batch)()
+    assert assigned.positive.any()
+    assert (assigned.negative.sum(1) == 3 * assigned.positive.sum(1)).all()

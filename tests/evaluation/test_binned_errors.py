@@ -1,0 +1,65 @@
+"""Binned errors against instruments whose bins and errors are set by hand."""
+
+import json
+
+import numpy as np
+
+from shaftpose.evaluation.binned_errors import EDGES, as_plain, binned_errors, from_plain
+from shaftpose.evaluation.binned_errors_figure import binned_error_figure
+from shaftpose.evaluation.pose_errors import errors_between, pose_errors
+from shaftpose.instruments import Annotations, Detections
+
+# z 12, 12, 12 and 40 mm; yaw 355, 2, 300 and 180 deg; tip errors 1, 2, 6 and 4 mm, all along x.
+TRUE = np.array(
+    [[0, 0, 12, 70, 355], [0, 0, 12, 70, 2], [0, 0, 12, 70, 300], [0, 0, 40, 90, 180]], dtype=float
+)
+ERRORS = errors_between(TRUE + np.outer([1, 2, 6, 4], [1, 0, 0, 0, 0]), TRUE)
+BINS = binned_errors(ERRORS, np.array([1.0, 0.4, 0.8, 1.0]))
+
+
+def bin_of(quantity: str, low: float) -> tuple[int, float | None, float | None]:
+    (found,) = (one for one in BINS[quantity] if one.low == low)
+    return found.count, found.tip_mm_mean, found.tip_mm_median
+
+
+def test_mean_and_median_of_each_bin():
+    assert bin_of("z_mm", 10) == (3, 3.0, 2.0)
+    assert bin_of("z_mm", 35) == (1, 4.0, 4.0)  # the upper end belongs to the last bin
+    assert bin_of("z_mm", 20) == (0, None, None)
+    assert bin_of("pitch_deg", 80) == (1, 4.0, 4.0)
+
+
+def test_yaw_is_counted_from_the_seam_on_both_sides():
+    assert bin_of("yaw_from_seam_deg", -10) == (1, 1.0, 1.0)  # 355 deg
+    assert bin_of("yaw_from_seam_deg", 0) == (1, 2.0, 2.0)  # 2 deg
+    assert bin_of("yaw_from_seam_deg", -30) == (0, None, None)
+    assert bin_of("yaw_from_seam_deg", -60) == (1, 6.0, 6.0)  # 300 deg; the lower end counts
+    assert bin_of("yaw_from_seam_deg", -180) == (1, 4.0, 4.0)
+
+
+def test_every_instrument_is_in_one_bin_of_each_quantity():
+    assert {name: sum(one.count for one in row) for name, row in BINS.items()} == dict.fromkeys(
+        EDGES, 4
+    )
+
+
+def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
+    # Of three instruments in two images the last is found; only it is half hidden.
+    boxes = np.array([[0, 0, 10, 10], [50, 0, 60, 10]], dtype=float)
+    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    known = [Annotations(boxes[:1], TRUE[:1]), Annotations(boxes, TRUE[:2])]
+    found = [nothing, Detections(boxes[1:], np.ones(1), TRUE[1:2])]
+    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]))
+    assert [one.count for one in bins["visible_fraction"]] == [1, 0, 0, 0, 0]
+
+
+def test_bins_pass_through_json():
+    assert from_plain(json.loads(json.dumps(as_plain(BINS)))) == BINS
+
+
+def test_the_figure_shows_the_medians_of_filled_bins():
+    figure = binned_error_figure({"C": BINS, "D": BINS})
+    depth = figure.axes[0]
+    np.testing.assert_allclose(depth.lines[1].get_xydata(), [[12.5, 2.0], [37.5, 4.0]])
+    assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]
