@@ -28,7 +28,6 @@ from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet, Shard
 from shaftpose.rendering.scale_out import ATTEMPTS, render_set
 from shaftpose.rendering.scene import SceneSampler
-from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import ShardedDataset, sample_key
 
 IMAGES, PER_SHARD, SHARDS = 8, 4, 2
