@@ -19,6 +19,9 @@ logger = logging.getLogger(__name__)
 
 # What sets with unhidden shafts replace of the user's scene.
 CLEAR = {"occluder_probability": 0.0, "crossing_probability": 0.0}
+# What sets with hidden shafts replace: of each shaft a fifth is hidden at least, so that the image
+# is not a clear one by chance, and a fifth is seen.
+OCCLUDED = {"occluder_probability": 1.0, "occluder_coverage": [0.2, 0.8]}
 # Seeds of the sets, relative to that of the project: no image is in two of them.
 SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 
@@ -46,11 +49,11 @@ def main(config: Config) -> None:
 
 def rendered_sets(config: Config, library: list[Background]) -> dict[str, RenderedSet]:
     """The sets by name. The user's occluder probability is that of `images`: `clear` has neither
-    occluders nor crossing shafts, `occluded` an occluder for each shaft."""
+    occluders nor crossing shafts, `occluded` an occluder that hides a fair part of each shaft."""
     sizes = size(config)
     kept, held = hold_out(library, config["backgrounds"]["held_out"], config["seed"])
     clear = render_settings(config, scene=CLEAR)
-    occluded = render_settings(config, scene={"occluder_probability": 1.0})
+    occluded = render_settings(config, scene=OCCLUDED)
     sets = {
         "images": (render_settings(config), kept, sizes.images),
         "clear": (clear, held, sizes.test_set),

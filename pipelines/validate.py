@@ -5,19 +5,20 @@ from pathlib import Path
 
 from render import rendered_sets
 from results import write_json
-from settings import render_settings
+from settings import cluster_settings, render_settings
 from stage import Config, stage
 
 from shaftpose.backgrounds.library import read_library
-from shaftpose.config import RenderSettings
+from shaftpose.config import RenderSettings, ShaftSettings
 from shaftpose.dataset.data_card import QUANTITIES, quantities, ranges, statistics, to_markdown
+from shaftpose.dataset.image_checks import Body
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.dataset.set_checks import ExpectedSet, check_sets
 from shaftpose.deployment.overlay import contact_sheet, draw_sample, spread
 from shaftpose.evaluation.distributions import Distribution, distribution_figure
 from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.geometry import Camera
 from shaftpose.images import write_jpeg
+from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
@@ -30,7 +31,7 @@ DRAWN_IMAGES, COLUMNS = 20, 5
 def main(config: Config) -> None:
     """Write the card to `out`, and to `results`, for the split, the source of each background."""
     out, settings = Path(config["out"]), render_settings(config)
-    checked = check_sets(expected_sets(config), config["render"]["workers"])
+    checked = check_sets(expected_sets(config), cluster_settings(config).workers)
     card = {name: statistics(images) for name, images in checked.items()}
     pictures = draw(checked["images"], settings, out)
     write_json(out / "metrics.json", card)
@@ -49,6 +50,7 @@ def expected_sets(config: Config) -> dict[str, ExpectedSet]:
         name: ExpectedSet(
             folder=RENDERED / name,
             settings=rendered.settings,
+            body=body(rendered.settings.shaft),
             shards={
                 shard.path.name: range(shard.first, shard.first + shard.count)
                 for shard in rendered.shards(RENDERED / name)
@@ -59,6 +61,12 @@ def expected_sets(config: Config) -> dict[str, ExpectedSet]:
     }
 
 
+def body(shaft: ShaftSettings) -> Body:
+    """The instrument that the settings describe, as the checks know it."""
+    shape = instrument_shape(shaft)
+    return Body(shape.diameter_mm, shape.length_mm, shape.is_rod)
+
+
 def draw(images: list[ImageFacts], settings: RenderSettings, out: Path) -> dict[str, str]:
     """Histograms and a sheet of the training images: title -> file in `out`."""
     pictures = {"Distributions": "figures/distributions.png", "Images": "figures/images.jpg"}
@@ -67,10 +75,9 @@ def draw(images: list[ImageFacts], settings: RenderSettings, out: Path) -> dict[
         Distribution(label, counted, values[name], limits.get(name))
         for counted, labels in QUANTITIES.items()
         for name, label in labels.items()
+        if len(values[name])
     ]
     save_figure(distribution_figure(panels), out / pictures["Distributions"])
-    size_px, view_deg = settings.camera.size_px, settings.camera.view_deg
-    camera = Camera.from_field_of_view(size_px, size_px, view_deg)
     shards = ShardedDataset(RENDERED / "images")
     keys = spread(shards.keys, DRAWN_IMAGES)
     sheet = contact_sheet([draw_sample(shards, key) for key in keys], COLUMNS)

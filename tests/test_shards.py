@@ -344,6 +344,15 @@ def test_a_missing_key_is_named(tmp_path: Path) -> None:
         ShardedDataset(tmp_path).rgb("000000009")
 
 
+def test_an_image_of_two_shards_is_named_with_both(tmp_path: Path) -> None:
+    write_shard(tmp_path / shard_name(0), [make_sample(0), make_sample(1)])
+    write_shard(tmp_path / shard_name(1), [make_sample(1)])
+    with pytest.raises(InputError) as caught:
+        ShardedDataset(tmp_path)
+    first, second = (tmp_path / shard_name(n) for n in range(2))
+    assert str(caught.value).startswith(f"{second}: image {sample_key(1)} is in {first}, too; ")
+
+
 def test_a_folder_without_shards_is_named(tmp_path: Path) -> None:
     (tmp_path / "shard-000000.tar.part").write_bytes(b"unfinished")
     for folder in (tmp_path, tmp_path / "missing"):

@@ -210,7 +210,8 @@ class Location:
 class ShardedDataset:
     """Random access to the samples of a folder of shards without unpacking them.
 
-    Raises InputError if the folder holds no shard or a shard is damaged, naming it.
+    Raises InputError if the folder holds no shard, a shard is damaged or two hold the same image,
+    naming them.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -222,7 +223,13 @@ class ShardedDataset:
     def _index(self, path: Path) -> None:
         for name, location in _read_index(path).items():
             key, _, suffix = name.partition(".")
-            self._members.setdefault(key, {})[suffix] = location
+            members = self._members.setdefault(key, {})
+            for other in members.values():
+                if other.path != path:
+                    raise InputError(
+                        f"{path}: image {key} is in {other.path}, too; remove one of the shards"
+                    )
+            members[suffix] = location
 
     @property
     def keys(self) -> list[str]:

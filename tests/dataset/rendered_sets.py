@@ -12,6 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings, parse
+from shaftpose.dataset.image_checks import Body
 from shaftpose.dataset.set_checks import CheckedShard, ExpectedSet, check_shard
 from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, mask_box
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
@@ -19,6 +20,7 @@ from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_
 ROOT = Path(__file__).parents[2]
 SIDE = 299
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+ROD = Body(diameter_mm=3.0, length_mm=150.0, is_rod=True)
 BACKGROUNDS = {"000000.jpg": "tissue-0", "000001.jpg": "tissue-1"}
 LEFT = ShaftPose(-6.0, -3.0, 25.0, 70.0, 150.0)
 RIGHT = ShaftPose(7.0, 4.0, 30.0, 60.0, 340.0)
@@ -33,9 +35,9 @@ def settings() -> RenderSettings:
     return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": 95}, "params.yaml")
 
 
-def silhouettes(poses: Sequence[ShaftPose]) -> list[NDArray[np.bool_]]:
+def silhouettes(poses: Sequence[ShaftPose], camera: Camera = CAMERA) -> list[NDArray[np.bool_]]:
     """The visible mask of each shaft, nearer ones before those behind."""
-    depths = np.stack([cylinder_depth(CAMERA, pose, 3.0, 150.0) for pose in poses])
+    depths = np.stack([cylinder_depth(camera, pose, 3.0, 150.0) for pose in poses])
     return [(np.argmin(depths, axis=0) == n) & np.isfinite(d) for n, d in enumerate(depths)]
 
 
@@ -82,7 +84,7 @@ def write_set(folder: Path, shards: Sequence[Sequence[Sample]]) -> ExpectedSet:
                 writer.write(one)
     starts = np.cumsum([0, *(len(samples) for samples in shards)]).tolist()
     ranges = {shard_name(n): range(starts[n], starts[n + 1]) for n in range(len(shards))}
-    return ExpectedSet(folder, settings(), ranges, BACKGROUNDS)
+    return ExpectedSet(folder, settings(), ROD, ranges, BACKGROUNDS)
 
 
 def checked(expected: ExpectedSet) -> list[CheckedShard]:

@@ -8,11 +8,11 @@ from shaftpose.dataset.image_facts import ImageFacts, ShaftFacts
 from tests.dataset.rendered_sets import settings
 
 
-def shaft(x_mm: float, iou: float | None) -> ShaftFacts:
+def shaft(x_mm: float, iou: float | None, occluded: float | None = None) -> ShaftFacts:
     return ShaftFacts(
         x_mm=x_mm, y_mm=0.0, z_mm=20.0, pitch_deg=70.0, yaw_deg=90.0, visible_fraction=1.0,
         box_width_px=50, box_height_px=20, lens_distance_mm=12.0, roughness=0.2,
-        silhouette_iou=iou,
+        occluded_share=occluded, silhouette_iou=iou,
     )  # fmt: skip
 
 
@@ -24,7 +24,7 @@ def image(key: str, background: str, tries: int, *shafts: ShaftFacts) -> ImageFa
 
 IMAGES = [
     image("000000000", "a1", 6, shaft(-3.0, 0.98), shaft(5.0, 0.99)),
-    image("000000001", "a2", 4, shaft(2.0, None)),
+    image("000000001", "a2", 4, shaft(2.0, None, occluded=0.4)),
     image("000000002", "b1", 1),  # without a shaft nothing is drawn
     image("000000003", "a1", 6, shaft(1.0, 1.0)),
 ]
@@ -38,6 +38,7 @@ def test_statistics_by_hand() -> None:
     assert (card["drawn_shafts"], card["acceptance_rate"]) == (16, 0.25)
     assert card["quantities"]["x_mm"] == {"min": -3.0, "median": 1.5, "max": 5.0}
     assert card["quantities"]["silhouette_iou"] == {"min": 0.98, "median": 0.99, "max": 1.0}
+    assert card["quantities"]["occluded_share"] == {"min": 0.4, "median": 0.4, "max": 0.4}
     assert card["quantities"]["images_per_background"] == {"min": 1.0, "median": 1.0, "max": 2.0}
     assert card["quantities"].keys() == LABELS.keys()
 
@@ -69,6 +70,7 @@ def test_ranges_are_those_of_the_settings() -> None:
         "| none | 0 | 0 | 0 | 0 | 0 |  |",
         "| x [mm] | -3 | 1.5 | 5 | -20 to 20 |",
         "| visible fraction | 1 | 1 | 1 |  |",
+        "| hidden share behind occluders | 0.4 | 0.4 | 0.4 |  |",
         "![Sheet](figures/sheet.jpg)",
     ],
 )

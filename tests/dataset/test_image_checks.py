@@ -9,17 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shaftpose.dataset.image_checks import check_image, silhouette_ious
+from shaftpose.config import Distortion, LensSettings
+from shaftpose.dataset.image_checks import Body, check_image, silhouette_ious
 from shaftpose.dataset.rendered_image import read_image
 from shaftpose.dataset.set_checks import ExpectedSet, find_problems, read_members, refuse
 from shaftpose.errors import InputError
 from shaftpose.geometry import ShaftPose
 from shaftpose.images import encode_jpeg
+from shaftpose.shards import Sample
 from tests.dataset.rendered_sets import (
     BACKGROUNDS,
     BELOW,
+    CAMERA,
     LEFT,
     RIGHT,
+    ROD,
     checked,
     edit_json,
     first,
@@ -96,6 +100,14 @@ def test_a_sound_image_passes(pair: ExpectedSet) -> None:
          "shaft 0: obj_id = 2, not 1"),
         ("camera.json", lambda c: c["cam_K"].__setitem__(0, 140.0),
          "cam_K = [140.0, "),
+        ("camera.json", lambda c: c.update(distortion=[0.001, 0.0]),
+         "k1 = 0.001: outside lens.distortion.k1 = [0, 0]"),
+        ("camera.json", lambda c: c.update(field_px=250.0),
+         "field_px = 250.0, not lens.field_px = None"),
+        ("shaft.json", lambda c: c.update(rolls_deg=[0.0, 45.0]),
+         "not of roll 45 deg, as shaft.json says"),
+        ("shaft.json", lambda c: c.update(rolls_deg=[45.0]),
+         "shaft.json: rolls_deg: 1 entries for the 2 shafts"),
         ("mask_visib.json", lambda c: c["1"]["counts"].append(5),
          "mask_visib.json: mask 1 has 89406 px"),
         ("mask_visib.json", lambda c: c["1"].update(size=[1, 89401]),
@@ -227,7 +239,7 @@ def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
     kept[rows[len(rows) // 2] :] = False
     expected = write_set(tmp_path, [[sample(0, [BELOW], masks=[kept])]])
     members = read_members(tmp_path / "shard-000000.tar")[KEY]
-    found = silhouette_ious(read_image(members, 299), expected.settings)
+    found = silhouette_ious(read_image(members, 299), CAMERA, expected.body)
     # Every ninth pixel is compared: of some 1,000 px the share is right to a hundredth or so.
     assert found == [pytest.approx(kept.sum() / mask.sum(), abs=0.02)]
 
@@ -235,7 +247,7 @@ def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
 def test_facts_of_an_image_by_hand(tmp_path: Path) -> None:
     write_set(tmp_path, [[sample(0, [FLAT])]])
     members = read_members(tmp_path / "shard-000000.tar")[KEY]
-    facts, problems = check_image(KEY, members, settings(), BACKGROUNDS)
+    facts, problems = check_image(KEY, members, settings(), ROD, BACKGROUNDS)
     assert not problems
     assert facts is not None
     assert (facts.key, facts.background, facts.source) == (KEY, "000000.jpg", "tissue-0")
@@ -247,3 +259,125 @@ def test_facts_of_an_image_by_hand(tmp_path: Path) -> None:
     assert shaft.box_height_px == pytest.approx(3 * 136.99 / 19.94, abs=1)
     assert shaft.lens_distance_mm == pytest.approx(20.0)
     assert shaft.roughness == 0.2
+
+
+def with_lens(expected: ExpectedSet, **changed: Any) -> ExpectedSet:
+    lens: LensSettings = replace(expected.settings.lens, **changed)
+    return replace(expected, settings=replace(expected.settings, lens=lens))
+
+
+def with_scene(expected: ExpectedSet, **changed: Any) -> ExpectedSet:
+    scene = replace(expected.settings.scene, **changed)
+    return replace(expected, settings=replace(expected.settings, scene=scene))
+
+
+# A barrel: it draws what a pinhole shows at the edge inwards.
+BARREL = replace(CAMERA, k1=-0.1, k2=0.01)
+BARREL_RANGES = Distortion((-0.2, -0.05), (0.0, 0.02))
+# At 170 px from the centre for a pinhole (u = 319.5), at 144 px in the barrel.
+AT_THE_EDGE = ShaftPose(18.62, 0.0, 15.0, 70.0, 180.0)
+
+
+def test_an_image_is_compared_through_its_own_lens(tmp_path: Path) -> None:
+    poses = [AT_THE_EDGE]
+    seen = replace(sample(0, poses, masks=silhouettes(poses, BARREL)), camera=BARREL)
+    expected = with_lens(write_set(tmp_path, [[seen]]), distortion=BARREL_RANGES)
+    (shard,) = checked(expected)
+    assert not shard.problems
+    assert shard.images[0].shafts[0].silhouette_iou == 1.0
+
+
+def test_a_mask_of_another_lens(tmp_path: Path) -> None:
+    seen = replace(sample(0, [LEFT], masks=silhouettes([LEFT])), camera=BARREL)
+    expected = with_lens(write_set(tmp_path, [[seen]]), distortion=BARREL_RANGES)
+    assert "of its mask and the silhouette of its pose: below 0.9 " in complaint(expected)
+
+
+def test_a_lens_that_is_not_stated(tmp_path: Path) -> None:
+    expected = write_set(tmp_path, [[sample(0, [LEFT])]])
+    expected = with_lens(expected, distortion=Distortion((0.0, 0.1), (0.01, 0.02)))
+    assert "k2 = 0: outside lens.distortion.k2 = [0.01, 0.02]" in complaint(expected)
+
+
+def test_a_tip_outside_the_round_field(tmp_path: Path) -> None:
+    round_field = replace(CAMERA, field_px=220.0)
+    outside = ShaftPose(17.0, 0.0, 20.0, 80.0, 180.0)  # 116 px from the centre
+    seen = replace(
+        sample(0, [outside], masks=silhouettes([outside], round_field)), camera=round_field
+    )
+    expected = with_lens(write_set(tmp_path, [[seen]]), field_px=220.0)
+    assert "shaft 0: tip at 265.9, 149.5 px: outside the image" in complaint(expected)
+
+
+THREE = [LEFT, RIGHT, BELOW]
+
+
+def test_a_shaft_may_cross_beside_those_of_the_settings(tmp_path: Path) -> None:
+    expected = with_scene(write_set(tmp_path, [[sample(0, THREE)]]), crossing_probability=0.5)
+    refuse(find_problems([expected], checked(expected)))
+    one_too_many = with_scene(expected, instruments=(1, 1))
+    assert "shafts = 3: outside scene.instruments = [1, 1] and 1 that crosses" in complaint(
+        one_too_many
+    )
+
+
+def test_a_shaft_too_many_where_none_crosses(tmp_path: Path) -> None:
+    expected = write_set(tmp_path, [[sample(0, THREE)]])
+    assert "shafts = 3: outside scene.instruments = [1, 2]" in complaint(expected)
+
+
+def test_masks_of_other_shapes_are_not_compared(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[np.roll(mask, 2, axis=0)])]])
+    (shard,) = checked(replace(expected, body=replace(ROD, is_rod=False)))
+    assert not shard.problems
+    assert shard.images[0].shafts[0].silhouette_iou is None
+
+
+@pytest.mark.parametrize(
+    ("poses", "body", "says"),
+    [
+        # 20 mm from the camera, of which a rod of 36 mm takes 18.
+        ([FLAT], Body(36.0, 150.0, is_rod=False), "2.000 mm from the camera"),
+        ([FLAT, ShaftPose(0.0, 6.0, 20.0, 90.0, 0.0)], Body(7.0, 150.0, is_rod=False),
+         "axes 6.000 mm apart: they cut each other, being 7 mm thick"),
+    ],
+)  # fmt: skip
+def test_the_rod_around_an_instrument_keeps_its_distance(
+    tmp_path: Path, poses: list[ShaftPose], body: Body, says: str
+) -> None:
+    expected = replace(write_set(tmp_path, [[sample(0, poses)]]), body=body)
+    assert says in complaint(expected)
+
+
+def test_a_short_instrument_may_point_at_the_camera(tmp_path: Path) -> None:
+    expected = write_set(tmp_path, [[sample(0, [THROUGH_LENS])]])
+    short = replace(expected, body=Body(3.0, 10.0, is_rod=False))
+    refuse(find_problems([short], checked(short)))
+
+
+def half_hidden(pose: ShaftPose) -> Sample:
+    """One shaft, half of whose pixels an occluder hides."""
+    one = sample(0, [pose], occluders=[{}])
+    (shaft,) = one.instruments
+    hidden = replace(shaft, amodal_px=2 * shaft.visible_px, visible_fraction=0.5)
+    return replace(one, instruments=(hidden,))
+
+
+def test_an_occluder_hides_as_much_as_it_shall(tmp_path: Path) -> None:
+    expected = write_set(tmp_path, [[half_hidden(LEFT)]])
+    as_asked = with_scene(expected, occluder_coverage=(0.2, 0.8))
+    (shard,) = checked(as_asked)
+    assert not shard.problems
+    assert shard.images[0].shafts[0].occluded_share == 0.5
+    more = with_scene(expected, occluder_coverage=(0.6, 0.8))
+    assert "shaft 0: 0.500 of it hidden: outside scene.occluder_coverage = [0.6, 0.8]" in complaint(
+        more
+    )
+
+
+def test_shafts_without_an_occluder_need_not_be_hidden(pair: ExpectedSet) -> None:
+    expected = with_scene(pair, occluder_coverage=(0.2, 0.8))
+    (shard,) = checked(expected)
+    assert not shard.problems
+    assert [shaft.occluded_share for shaft in shard.images[0].shafts] == [None, None]

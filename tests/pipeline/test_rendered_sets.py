@@ -29,6 +29,13 @@ def test_the_users_occluder_probability_is_that_of_the_training_images(probabili
     assert found == {"images": probability, "clear": 0.0, "occluded": 1.0}
 
 
+def test_occluded_images_hide_a_fair_part_whatever_the_user_asks_of_training_images() -> None:
+    config = composed("profile=smoke", "scene.occluder_coverage=[0.0,0.1]")
+    sets = rendered_sets(config, LIBRARY)
+    assert sets["images"].settings.scene.occluder_coverage == (0.0, 0.1)
+    assert sets["occluded"].settings.scene.occluder_coverage == (0.2, 0.8)
+
+
 def test_the_users_occluder_probability_is_not_that_of_the_stand_in() -> None:
     config = composed("profile=smoke", "scene.occluder_probability=0.9")
     found = {

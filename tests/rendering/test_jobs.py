@@ -48,6 +48,28 @@ def test_a_set_is_read_as_it_was_written_wherever_the_reader_stands(
     assert list(found.backgrounds) == list(rendered.backgrounds)  # the order counts, too
 
 
+def test_a_cad_file_is_found_wherever_the_reader_stands(
+    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shaft = replace(rendered.settings.shaft, cad=CadSettings(Path("tool.stl"), "mm"))
+    settings = replace(rendered.settings, shaft=shaft)
+    write_set(replace(rendered, settings=settings), tmp_path)
+    cad = read_set(tmp_path).settings.shaft.cad
+    assert cad == CadSettings(tmp_path / "tool.stl", "mm")
+
+
+def test_shards_of_an_earlier_larger_set_go_and_nothing_else_does(tmp_path: Path) -> None:
+    out, path = tmp_path / "out", tmp_path / "shard-000000.tar"
+    path.write_bytes(b"a shard")
+    out.mkdir()
+    for name in ("shard-000000.tar", "shard-000001.tar", "shard-notes.tar", "notes.txt"):
+        (out / name).write_bytes(b"earlier")
+    link_shards([Shard(path, 0, 1)], out)
+    assert {p.name for p in out.iterdir()} == {"shard-000000.tar", "shard-notes.tar", "notes.txt"}
+    assert (out / path.name).read_bytes() == b"a shard"
+
+
 def test_another_run_may_have_linked_a_shard_just_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

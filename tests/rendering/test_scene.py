@@ -47,6 +47,16 @@ def test_candidates_of_an_image_are_a_fixed_sequence(
     assert len({scene.shafts for scene in first}) == 4
 
 
+def test_tries_count_those_of_earlier_candidates(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    sampler = SceneSampler(settings, tuple(backgrounds), 5)
+    tries = [0, *(scene.tries for scene in islice(sampler.candidates(3), 4))]
+    scenes_shafts = [len(scene.shafts) for scene in islice(sampler.candidates(3), 4)]
+    # Each candidate takes one draw of its shafts at least.
+    assert all(b - a >= n for a, b, n in zip(tries, tries[1:], scenes_shafts, strict=False))
+
+
 def test_every_background_is_used(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:

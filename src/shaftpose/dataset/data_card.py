@@ -23,6 +23,7 @@ QUANTITIES = {
         "box_height_px": "height of the box [px]",
         "lens_distance_mm": "distance from lens to axis [mm]",
         "roughness": "roughness of the steel",
+        "occluded_share": "hidden share behind occluders",
         "silhouette_iou": "IoU of mask and silhouette",
     },
     "images": {
@@ -52,7 +53,8 @@ def ranges(settings: RenderSettings) -> dict[str, Range]:
 def quantities(images: Sequence[ImageFacts]) -> dict[str, Array]:
     """All values (N,) of each of QUANTITIES, of N shafts, images or backgrounds in use.
 
-    Silhouettes are compared in images without occluders only.
+    Silhouettes are compared for plain rods in images without occluders only; only shafts behind
+    occluders have a hidden share.
     """
     shafts = [shaft for image in images for shaft in image.shafts]
     found: dict[str, list[Any]] = {

@@ -2,15 +2,17 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import PoseRanges, RenderSettings
+from shaftpose.config import LensSettings, PoseRanges, RenderSettings, SceneSettings
 from shaftpose.dataset.image_facts import ImageFacts, ShaftFacts
 from shaftpose.dataset.rendered_image import (
     AnnotatedImage,
+    CameraFacts,
     Extent,
     ModelPose,
     SceneFacts,
@@ -30,15 +32,32 @@ from shaftpose.instruments import POSE_DIMENSIONS
 from shaftpose.shards import SHAFT_OBJECT_ID
 
 LEAST_IOU = 0.95  # of a mask and the silhouette that geometry alone predicts
+# A distorted mask takes the nearest pixel of a pinhole's: its edges are off by up to half a pixel.
+LEAST_IOU_DISTORTED = 0.9
 # Silhouettes are compared on every third pixel in each direction, which takes a ninth of the time.
 # The stride is odd, so that the centre of a block of pixels is the centre of its middle pixel.
+# Distorted images, whose masks are less exact, need every pixel.
 _STRIDE = 3
 _ROUNDING = 1e-6  # mm, or of unit vectors
 _LENS = np.zeros(3)
 
 
+@dataclass(frozen=True)
+class Body:
+    """The instrument as far as checks ask: the rod around its axis that holds it, and whether it is
+    that rod."""
+
+    diameter_mm: float
+    length_mm: float
+    is_rod: bool
+
+
 def check_image(
-    key: str, members: Mapping[str, bytes], settings: RenderSettings, backgrounds: Mapping[str, str]
+    key: str,
+    members: Mapping[str, bytes],
+    settings: RenderSettings,
+    body: Body,
+    backgrounds: Mapping[str, str],
 ) -> tuple[ImageFacts | None, list[str]]:
     """The facts of an image, None if it cannot be read, and what is wrong with it, a line each.
 
@@ -48,25 +67,35 @@ def check_image(
         image = read_image(members, settings.camera.size_px)
     except InputError as error:
         return None, [str(error)]
-    ious = silhouette_ious(image, settings)
-    found = [*_problems(image, settings, backgrounds), *_unlike_silhouettes(ious)]
-    return _facts(key, image, settings, ious), found
+    camera = _camera(image, settings)
+    ious = silhouette_ious(image, camera, body)
+    least = LEAST_IOU_DISTORTED if _is_distorted(camera) else LEAST_IOU
+    found = [
+        *_problems(image, settings, camera, body, backgrounds),
+        *_unlike_silhouettes(ious, least),
+    ]
+    return _facts(key, image, body, ious), found
 
 
-def silhouette_ious(image: AnnotatedImage, settings: RenderSettings) -> list[float | None]:
+def silhouette_ious(image: AnnotatedImage, camera: Camera, body: Body) -> list[float | None]:
     """IoU of each visible mask with the silhouette of a cylinder at the annotated pose, less what
-    nearer shafts hide; None for all of an image with occluders.
+    nearer shafts hide; None for all of an image with occluders, and of instruments that are no
+    plain rod.
 
     Blender has no part in the silhouette: pose, camera and mask are checked against each other.
     """
-    if image.facts.occluders or not image.masks:
+    if image.facts.occluders or not image.masks or not body.is_rod:
         return [None] * len(image.masks)
-    camera, size = _camera(settings), (settings.shaft.diameter_mm, settings.shaft.length_mm)
-    depths = np.stack([cylinder_depth(camera, p, *size, _STRIDE) for p in image.facts.shafts])
+    size, stride = (body.diameter_mm, body.length_mm), 1 if _is_distorted(camera) else _STRIDE
+    depths = np.stack([cylinder_depth(camera, p, *size, stride) for p in image.facts.shafts])
     nearest = np.argmin(depths, axis=0)
     silhouettes = [(nearest == n) & np.isfinite(depth) for n, depth in enumerate(depths)]
-    masks = [mask[_STRIDE // 2 :: _STRIDE, _STRIDE // 2 :: _STRIDE] for mask in image.masks]
+    masks = [mask[stride // 2 :: stride, stride // 2 :: stride] for mask in image.masks]
     return [_iou(mask, silhouette) for mask, silhouette in zip(masks, silhouettes, strict=True)]
+
+
+def _is_distorted(camera: Camera) -> bool:
+    return bool(camera.k1 or camera.k2)
 
 
 def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
@@ -74,25 +103,65 @@ def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def _problems(
-    image: AnnotatedImage, settings: RenderSettings, backgrounds: Mapping[str, str]
+    image: AnnotatedImage,
+    settings: RenderSettings,
+    camera: Camera,
+    body: Body,
+    backgrounds: Mapping[str, str],
 ) -> Iterator[str]:
-    camera, facts = _camera(settings), image.facts
-    if not np.allclose(image.intrinsics, camera.matrix, rtol=0, atol=_ROUNDING):
-        yield f"cam_K = {image.intrinsics.ravel().tolist()}, not {camera.matrix.ravel().tolist()}"
+    facts = image.facts
+    yield from _lens(image.camera, camera, settings.lens)
     yield from _background(facts, backgrounds)
-    fewest, most = settings.scene.instruments
-    if not fewest <= len(facts.shafts) <= most:
-        yield f"shafts = {len(facts.shafts)}: outside scene.instruments = [{fewest}, {most}]"
+    yield from _count(len(facts.shafts), settings.scene)
     for n, pose in enumerate(facts.shafts):
         least = settings.scene.min_visible_px
         for problem in (
             *_mask(image.masks[n], image.extents[n], least),
-            *_model_pose(image.model_poses[n], pose),
+            *_model_pose(image.model_poses[n], pose, facts.rolls[n]),
             *_pose(pose, settings.poses, camera),
         ):
             yield f"shaft {n}: {problem}"
+    yield from _coverage(image, settings.scene)
     yield from _overlap(image.masks)
-    yield from _collisions(facts.shafts, settings)
+    yield from _collisions(facts.shafts, settings.scene.lens_radius_mm, body)
+
+
+def _lens(found: CameraFacts, camera: Camera, lens: LensSettings) -> Iterator[str]:
+    """camera.json against the settings."""
+    if not np.allclose(found.intrinsics, camera.matrix, rtol=0, atol=_ROUNDING):
+        yield f"cam_K = {found.cam_K}, not {camera.matrix.ravel().tolist()}"
+    ranges = {"k1": lens.distortion.k1, "k2": lens.distortion.k2}
+    for value, (name, (low, high)) in zip(found.distortion, ranges.items(), strict=True):
+        if not low <= value <= high:
+            yield f"{name} = {value:g}: outside lens.distortion.{name} = [{low:g}, {high:g}]"
+    if found.field_px != lens.field_px:
+        yield f"field_px = {found.field_px}, not lens.field_px = {lens.field_px}"
+
+
+def _count(shafts: int, scene: SceneSettings) -> Iterator[str]:
+    """A shaft that crosses comes on top of those of the settings."""
+    fewest, most = scene.instruments
+    crossing = int(scene.crossing_probability > 0)
+    if not fewest <= shafts <= most + crossing:
+        more = f" and {crossing} that crosses" if crossing else ""
+        yield f"shafts = {shafts}: outside scene.instruments = [{fewest}, {most}]{more}"
+
+
+def _coverage(image: AnnotatedImage, scene: SceneSettings) -> Iterator[str]:
+    low, high = scene.occluder_coverage
+    for n, share in enumerate(_hidden_shares(image)):
+        if share is not None and not low <= share <= high:
+            yield (
+                f"shaft {n}: {share:.3f} of it hidden: outside "
+                f"scene.occluder_coverage = [{low:g}, {high:g}]"
+            )
+
+
+def _hidden_shares(image: AnnotatedImage) -> list[float | None]:
+    """The hidden share of each shaft that has an occluder; None for the others. Occluders stand
+    before the first shafts, one each; one that crosses comes last."""
+    occluders = len(image.facts.occluders)
+    return [1 - e.visib_fract if n < occluders else None for n, e in enumerate(image.extents)]
 
 
 def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[str]:
@@ -135,15 +204,13 @@ def _boxes(mask: NDArray[np.bool_], extent: Extent) -> Iterator[str]:
         yield f"bbox_obj = {extent.bbox_obj}: leaves the image"
 
 
-def _model_pose(model: ModelPose, pose: ShaftPose) -> Iterator[str]:
+def _model_pose(model: ModelPose, pose: ShaftPose, roll_deg: float) -> Iterator[str]:
     """gt.json against the pose of shaft.json. Axes are compared, not angles: the yaw of an axis
     may be written in more than one way."""
     if model.obj_id != SHAFT_OBJECT_ID:
         yield f"obj_id = {model.obj_id}, not {SHAFT_OBJECT_ID}"
     rotation = model.rotation
-    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=_ROUNDING) or (
-        np.linalg.det(rotation) < 0
-    ):
+    if not _is_rotation(rotation):
         yield f"cam_R_m2c = {model.cam_R_m2c}: no rotation"
     found = pose_from_rotation(rotation, np.array(model.cam_t_m2c))
     if not np.allclose(found.tip_mm, pose.tip_mm, rtol=0, atol=_ROUNDING):
@@ -153,6 +220,15 @@ def _model_pose(model: ModelPose, pose: ShaftPose) -> Iterator[str]:
             f"cam_R_m2c has pitch {found.pitch_deg:.4f} and yaw {found.yaw_deg:.4f} deg: "
             f"shaft.json says {pose.pitch_deg:.4f} and {pose.yaw_deg:.4f}"
         )
+    elif _is_rotation(rotation) and not np.allclose(
+        rotation, pose.rolled(roll_deg), rtol=0, atol=_ROUNDING
+    ):
+        yield f"cam_R_m2c = {model.cam_R_m2c}: not of roll {roll_deg:g} deg, as shaft.json says"
+
+
+def _is_rotation(matrix: Array) -> bool:
+    orthogonal = np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=_ROUNDING)
+    return orthogonal and bool(np.linalg.det(matrix) > 0)
 
 
 def _pose(pose: ShaftPose, ranges: PoseRanges, camera: Camera) -> Iterator[str]:
@@ -164,9 +240,9 @@ def _pose(pose: ShaftPose, ranges: PoseRanges, camera: Camera) -> Iterator[str]:
     ]
     yield from outside
     if pose.z_mm > 0:
-        u, v = camera.project(pose.tip_mm)
-        if not (0 <= u < camera.width and 0 <= v < camera.height):
-            yield f"tip at {u:.1f}, {v:.1f} px: outside the image"
+        tip = camera.project(pose.tip_mm)
+        if not camera.shows(tip):
+            yield f"tip at {tip[0]:.1f}, {tip[1]:.1f} px: outside the image"
 
 
 def _overlap(masks: Sequence[NDArray[np.bool_]]) -> Iterator[str]:
@@ -176,37 +252,34 @@ def _overlap(masks: Sequence[NDArray[np.bool_]]) -> Iterator[str]:
             yield f"shafts {a} and {b}: their visible masks share {shared} px"
 
 
-def _collisions(poses: Sequence[ShaftPose], settings: RenderSettings) -> Iterator[str]:
+def _collisions(poses: Sequence[ShaftPose], lens_mm: float, body: Body) -> Iterator[str]:
     """Shafts that cut the sphere around the lens, or each other."""
-    shaft, lens_mm = settings.shaft, settings.scene.lens_radius_mm
-    axes = [_axis(pose, shaft.length_mm) for pose in poses]
+    axes = [_axis(pose, body.length_mm) for pose in poses]
     for n, axis in enumerate(axes):
-        gap = segment_distance(_LENS, _LENS, *axis) - shaft.diameter_mm / 2
+        gap = segment_distance(_LENS, _LENS, *axis) - body.diameter_mm / 2
         if not gap > lens_mm:
             yield f"shaft {n}: {gap:.3f} mm from the camera: cuts scene.lens_radius_mm = {lens_mm}"
     for (a, first), (b, second) in combinations(enumerate(axes), 2):
         distance = segment_distance(*first, *second)
-        if not distance > shaft.diameter_mm:
+        if not distance > body.diameter_mm:
             yield (
                 f"shafts {a} and {b}: axes {distance:.3f} mm apart: they cut each other, "
-                f"shaft.diameter_mm = {shaft.diameter_mm}"
+                f"being {body.diameter_mm:g} mm thick"
             )
 
 
-def _unlike_silhouettes(ious: Sequence[float | None]) -> Iterator[str]:
+def _unlike_silhouettes(ious: Sequence[float | None], least: float) -> Iterator[str]:
     for n, iou in enumerate(ious):
-        if iou is not None and not iou >= LEAST_IOU:
+        if iou is not None and not iou >= least:
             yield (
                 f"shaft {n}: IoU {iou:.3f} of its mask and the silhouette of its pose: below "
-                f"{LEAST_IOU}"
+                f"{least}"
             )
 
 
-def _facts(
-    key: str, image: AnnotatedImage, settings: RenderSettings, ious: Sequence[float | None]
-) -> ImageFacts:
-    facts, length_mm = image.facts, settings.shaft.length_mm
-    each = zip(facts.shafts, image.extents, facts.steels, ious, strict=True)
+def _facts(key: str, image: AnnotatedImage, body: Body, ious: Sequence[float | None]) -> ImageFacts:
+    facts, hidden = image.facts, _hidden_shares(image)
+    each = zip(facts.shafts, image.extents, facts.steels, hidden, ious, strict=True)
     return ImageFacts(
         key=key,
         digest=hashlib.blake2b(image.jpeg, digest_size=16).digest(),
@@ -222,11 +295,12 @@ def _facts(
                 visible_fraction=extent.visib_fract,
                 box_width_px=extent.bbox_visib[2],
                 box_height_px=extent.bbox_visib[3],
-                lens_distance_mm=segment_distance(_LENS, _LENS, *_axis(pose, length_mm)),
+                lens_distance_mm=segment_distance(_LENS, _LENS, *_axis(pose, body.length_mm)),
                 roughness=steel.roughness,
+                occluded_share=share,
                 silhouette_iou=iou,
             )
-            for pose, extent, steel, iou in each
+            for pose, extent, steel, share, iou in each
         ),
     )
 
@@ -235,6 +309,9 @@ def _axis(pose: ShaftPose, length_mm: float) -> tuple[Array, Array]:
     return pose.tip_mm, pose.tip_mm + length_mm * pose.direction
 
 
-def _camera(settings: RenderSettings) -> Camera:
+def _camera(image: AnnotatedImage, settings: RenderSettings) -> Camera:
+    """The image's camera: all but the distortion is the same for all images of a set."""
     size_px, view_deg = settings.camera.size_px, settings.camera.view_deg
-    return Camera.from_field_of_view(size_px, size_px, view_deg)
+    plain = Camera.from_field_of_view(size_px, size_px, view_deg)
+    k1, k2 = image.camera.distortion
+    return replace(plain, k1=k1, k2=k2, field_px=settings.lens.field_px)

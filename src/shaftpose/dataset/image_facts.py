@@ -6,7 +6,8 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class ShaftFacts:
     """One shaft. Boxes are those of its visible part; lens_distance_mm is the shortest distance
-    from the camera to its axis, silhouette_iou None where it was not compared."""
+    from the camera to its axis, occluded_share the hidden share of a shaft that has an occluder,
+    else None, silhouette_iou None where it was not compared."""
 
     x_mm: float
     y_mm: float
@@ -18,6 +19,7 @@ class ShaftFacts:
     box_height_px: int
     lens_distance_mm: float
     roughness: float
+    occluded_share: float | None
     silhouette_iou: float | None
 
 

@@ -26,10 +26,17 @@ _Box = tuple[int, int, int, int]  # x, y, width, height
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class _Intrinsics:
-    """camera.json"""
+class CameraFacts:
+    """camera.json; a pinhole states no distortion, and an image seen to its corners no field."""
 
     cam_K: _Matrix
+    distortion: tuple[float, float] = (0.0, 0.0)  # OpenCV's k1, k2
+    field_px: float | None = None
+
+    @property
+    def intrinsics(self) -> Array:
+        """(3, 3) the matrix K."""
+        return np.array(self.cam_K).reshape(3, 3)
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
@@ -84,7 +91,7 @@ class Steel:
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
 class SceneFacts:
-    """What is read of shaft.json."""
+    """What is read of shaft.json; rolls are stated where any can be seen."""
 
     shafts: list[ShaftPose]
     steels: list[Steel]
@@ -93,11 +100,17 @@ class SceneFacts:
     background: str
     source: str
     tries: Count
+    rolls_deg: list[float] | None = None
+
+    @property
+    def rolls(self) -> list[float]:
+        """The roll of each shaft in deg."""
+        return [0.0] * len(self.shafts) if self.rolls_deg is None else self.rolls_deg
 
 
 # What each JSON member holds.
 _KINDS: dict[str, TypeAdapter[Any]] = {
-    "camera.json": TypeAdapter(_Intrinsics),
+    "camera.json": TypeAdapter(CameraFacts),
     "gt.json": TypeAdapter(list[ModelPose]),
     "gt_info.json": TypeAdapter(list[Extent]),
     "mask_visib.json": TypeAdapter(dict[str, _RunLengths]),
@@ -109,12 +122,12 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
 class AnnotatedImage:
     """One image (H, W, 3) and all that its members say of it, shaft after shaft in each list.
 
-    intrinsics: (3, 3); masks: (H, W) each, the visible pixels.
+    masks: (H, W) each, the visible pixels.
     """
 
     jpeg: bytes
     rgb: Image
-    intrinsics: Array
+    camera: CameraFacts
     model_poses: list[ModelPose]
     extents: list[Extent]
     masks: list[NDArray[np.bool_]]
@@ -134,10 +147,11 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     for suffix in ("gt.json", "gt_info.json", "mask_visib.json"):
         _agree(len(parts[suffix]), len(facts.shafts), suffix)
     _agree(len(facts.steels), len(facts.shafts), "shaft.json: steels")
+    _agree(len(facts.rolls), len(facts.shafts), "shaft.json: rolls_deg")
     return AnnotatedImage(
         jpeg=jpeg,
         rgb=rgb,
-        intrinsics=np.array(parts["camera.json"].cam_K).reshape(3, 3),
+        camera=parts["camera.json"],
         model_poses=parts["gt.json"],
         extents=parts["gt_info.json"],
         masks=_masks(parts["mask_visib.json"], size_px),

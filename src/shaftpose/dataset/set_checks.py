@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from shaftpose.config import RenderSettings
-from shaftpose.dataset.image_checks import check_image
+from shaftpose.dataset.image_checks import Body, check_image
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.errors import InputError
 from shaftpose.instruments import POSE_DIMENSIONS
@@ -30,11 +30,13 @@ _pose = attrgetter(*POSE_DIMENSIONS)
 class ExpectedSet:
     """What a folder of shards must hold.
 
-    shards: file name -> numbers of its images; backgrounds: file name -> id of its source.
+    body: of the instrument; shards: file name -> numbers of its images; backgrounds: file name ->
+    id of its source.
     """
 
     folder: Path
     settings: RenderSettings
+    body: Body
     shards: Mapping[str, range]
     backgrounds: Mapping[str, str]
 
@@ -100,7 +102,9 @@ def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
     images = []
     for key in keys:
         if key in members:
-            facts, found = check_image(key, members[key], expected.settings, expected.backgrounds)
+            facts, found = check_image(
+                key, members[key], expected.settings, expected.body, expected.backgrounds
+            )
             images += [facts] if facts else []
             problems += [Problem(path, key, what) for what in found]
     return CheckedShard(path, tuple(images), tuple(problems))

@@ -7,6 +7,7 @@ the images. An interrupted render, run again, therefore continues; a changed set
 import errno
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from shaftpose.shards import is_whole, shard_name
 # Code that determines the bytes of a shard, relative to the package.
 _SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "images.py")
 _SET = "set.json"
+_SHARD_NAME = re.compile(r"shard-\d{6,}\.tar")  # see `shard_name`
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,17 @@ class Shard:
 def write_set(rendered: RenderedSet, folder: Path) -> None:
     """Put the description of a set beside its shards; `read_set` reads it on any machine."""
     backgrounds = {path.resolve(): source for path, source in rendered.backgrounds.items()}
-    (folder / _SET).write_text(to_json(replace(rendered, backgrounds=backgrounds)))
+    settings = _with_absolute_files(rendered.settings)
+    described = replace(rendered, settings=settings, backgrounds=backgrounds)
+    (folder / _SET).write_text(to_json(described))
+
+
+def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
+    cad = settings.shaft.cad
+    if cad is None:
+        return settings
+    cad = replace(cad, file=cad.file.resolve())
+    return replace(settings, shaft=replace(settings.shaft, cad=cad))
 
 
 def read_set(folder: Path) -> RenderedSet:
@@ -111,8 +123,13 @@ def read_set(folder: Path) -> RenderedSet:
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:
-    """Put finished shards into `out` as hard links, or as copies across file systems."""
+    """Put finished shards into `out` as hard links, or as copies across file systems, and remove
+    those of an earlier, larger set."""
     out.mkdir(parents=True, exist_ok=True)
+    names = {shard.path.name for shard in shards}
+    for path in out.iterdir():
+        if _SHARD_NAME.fullmatch(path.name) and path.name not in names:
+            path.unlink(missing_ok=True)
     for shard in shards:
         target = out / shard.path.name
         target.unlink(missing_ok=True)

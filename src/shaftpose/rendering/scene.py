@@ -75,7 +75,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class Scene:
-    """One image; `rolls_deg` turn shafts about their own axes, where that can be seen."""
+    """One image; `rolls_deg` turn shafts about their own axes, where that can be seen; `tries` is
+    how many shafts the pose sampler drew for it, without any that cross."""
 
     background: Path
     camera: Camera
@@ -134,10 +135,13 @@ class SceneSampler:
     seed: int
 
     def candidates(self, index: int) -> Iterator[Scene]:
-        """Successive draws for image `index`, for whoever must refuse some of them."""
-        draws = _Draws.of_image(self.seed, index)
+        """Successive draws for image `index`, for whoever must refuse some of them; `tries` of
+        each counts those of the earlier ones, too."""
+        draws, tries = _Draws.of_image(self.seed, index), 0
         while True:
-            yield self._draw(draws)
+            scene = self._draw(draws)
+            tries += scene.tries
+            yield replace(scene, tries=tries)
 
     def _draw(self, draws: _Draws) -> Scene:
         settings, rng = self.settings, draws.paper
@@ -177,8 +181,11 @@ class SceneSampler:
         An image without shafts has nothing to cross. Raises InputError if no shaft crosses.
         """
         wanted = draws.crossing.random() < self.settings.scene.crossing_probability
+        tries = 0
         for _ in range(_MOST_REDRAWS):
             sampled = sampler(draws.paper)
+            tries += sampled.tries
+            sampled = replace(sampled, tries=tries)
             if not wanted or not sampled.poses:
                 return sampled, ()
             crossing = sampler.crossing(draws.crossing, sampled.poses)
