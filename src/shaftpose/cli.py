@@ -115,5 +115,3 @@ def show(options: argparse.Namespace) -> None:
         chosen = [draw_sample(shards, key) for key in spread(shards.keys, options.count)]
     write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
     print(f"{len(chosen)} images are drawn in {options.out}")
-
-

@@ -308,7 +308,11 @@ def alike(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> dict[str, list[Rendered]]:
     """The same images plain, with a contact shadow, and with films."""
-    changed = {"plain": {}, "shadow": {"contact_shadow": (0.5, 0.9)}, "films": {"films": (0.3, 0.6)}}
+    changed = {
+        "plain": {},
+        "shadow": {"contact_shadow": (0.5, 0.9)},
+        "films": {"films": (0.3, 0.6)},
+    }
     rendered = {}
     for name, scene in changed.items():
         folder = tmp_path_factory.mktemp(name)
