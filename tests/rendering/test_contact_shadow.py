@@ -35,6 +35,12 @@ def test_the_shadow_is_darkest_and_narrowest_at_the_tip() -> None:
     assert widths[0] < widths[1] < widths[2]
 
 
+def test_the_shadow_goes_on_to_the_images_edge() -> None:
+    shadow, mask = shadow_of(TO_THE_RIGHT)
+    beside = shadow[np.flatnonzero(mask[:, -1]).max() + 2]
+    assert beside[-1] > 0.9 * beside[-30]
+
+
 def test_a_lamp_throws_the_shadow_to_its_other_side() -> None:
     (both, mask), (left, _) = shadow_of(DOWN), shadow_of(DOWN, ((-4.0, 0.0),))
     right_side = np.arange(299) >= 150

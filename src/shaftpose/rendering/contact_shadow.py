@@ -53,4 +53,6 @@ def _inverse_depth(camera: Camera, pose: ShaftPose) -> NDArray[np.float64]:
 
 def _moved(image: NDArray[np.float32], right_px: float, down_px: float) -> NDArray[np.float32]:
     way = np.array([[1, 0, right_px], [0, 1, down_px]])
-    return np.asarray(cv2.warpAffine(image, way, image.shape[::-1]), dtype=np.float32)
+    # The shaft goes on beyond the image, and so does its shadow.
+    moved = cv2.warpAffine(image, way, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.float32)
