@@ -13,7 +13,7 @@ from stage import Config, stage
 from shaftpose import tracking
 from shaftpose.config import DetectionSettings, parse
 from shaftpose.dataset.split import read_keys
-from shaftpose.deployment.onnx_export import export_onnx, store_confidence
+from shaftpose.deployment.onnx_export import export_onnx, store_metadata
 from shaftpose.deployment.parity import check_parity
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
@@ -42,7 +42,13 @@ def main(config: Config) -> None:
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
-    store_confidence(path, validated_confidence(predictor))
+    store_metadata(
+        path,
+        confidence=validated_confidence(predictor),
+        view_deg=config["camera"]["view_deg"],
+        # That of a CAD file's instrument is not a setting.
+        shaft_diameter_mm=None if config["shaft"]["cad"] else config["shaft"]["diameter_mm"],
+    )
     tracking.connect(**config["tracking"])
     training_id = read_training(training)["training_id"]
     tracking.log_model(training_id, variant(config).name, path, images[:1])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shaftpose.cli import main
-from shaftpose.deployment.onnx_export import store_confidence
+from shaftpose.deployment.onnx_export import store_metadata
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 
@@ -28,7 +28,7 @@ def frame(tmp_path: Path) -> Path:
 def test_predict_prints_what_reaches_the_models_confidence(
     constant_model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    store_confidence(constant_model, 0.5)
+    store_metadata(constant_model, 0.5, 95.0, 3.0)
     main(["predict", str(frame), str(frame), "--model", str(constant_model)])
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert lines == [{"image": str(frame), "instruments": [FIRST]}] * 2
@@ -52,6 +52,19 @@ def test_predict_draws_where_it_is_told(constant_model: Path, frame: Path, tmp_p
     drawn = cv2.imread(str(out / "frame.jpg"))
     assert drawn.shape == (299, 299, 3)
     assert np.ptp(drawn) > 100  # the frame alone is of one grey
+
+
+def test_poses_are_drawn_for_the_models_camera_or_the_users(
+    constant_model: Path, frame: Path, tmp_path: Path
+) -> None:
+    arguments = ["predict", str(frame), "--model", str(constant_model), "--draw"]
+    drawn = {}
+    for name, view_deg, more in (("own", 60.0, []), ("stated", 95.0, ["--view-deg", "60"]),
+                                 ("other", 95.0, [])):  # fmt: skip
+        store_metadata(constant_model, 0.5, view_deg, 3.0)
+        main([*arguments, str(tmp_path / name), *more])
+        drawn[name] = (tmp_path / name / "frame.jpg").read_bytes()
+    assert drawn["own"] == drawn["stated"] != drawn["other"]
 
 
 def test_no_image_is_overwritten_by_a_drawing(

@@ -66,6 +66,8 @@ def complaint(kind: type, values: dict[str, Any]) -> str:
         (SceneSettings, "scene", "crossing_probability", -0.1),
         (SceneSettings, "scene", "light_shape", "square"),
         (SceneSettings, "scene", "anisotropy", [0.0, 1.2]),
+        (SceneSettings, "scene", "films", [0.5, 0.2]),
+        (SceneSettings, "scene", "contact_shadow", [-0.1, 0.5]),
         (LensSettings, "lens", "motion_px", [-1.0, 2.0]),
         (LensSettings, "lens", "jpeg_quality", [0, 90]),
         (LensSettings, "lens", "jpeg_quality", [90, 60]),

@@ -17,8 +17,6 @@ from shaftpose.images import centre_square, read_rgb, write_jpeg
 from shaftpose.instruments import POSE_DIMENSIONS, Detections
 from shaftpose.shards import ShardedDataset
 
-INPUT_PX = 299
-
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command; an InputError ends it with one line and status 1."""
@@ -42,7 +40,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", type=Path, required=True, help="model.onnx of a variant")
     parser.add_argument("--confidence", type=float, help="least score (the model's own)")
     parser.add_argument("--draw", type=Path, help="folder for images with what was found")
-    parser.add_argument("--view-deg", type=float, default=95.0, help="view angle, for --draw (95)")
+    parser.add_argument("--view-deg", type=float, help="view angle, for --draw (the model's own)")
     parser.set_defaults(run=predict)
 
 
@@ -64,14 +62,16 @@ def positive(text: str) -> int:
 
 
 def predict(options: argparse.Namespace) -> None:
-    """Print a line of JSON for each image: boxes in pixels of its central square at 299 px, poses
-    in mm and deg."""
+    """Print a line of JSON for each image: boxes in pixels of its central square at the model's
+    size, poses in mm and deg."""
     predictor = Predictor(options.model)
-    camera = Camera.from_field_of_view(INPUT_PX, INPUT_PX, options.view_deg)
+    side_px = predictor.side_px
+    view_deg = predictor.view_deg if options.view_deg is None else options.view_deg
+    camera = Camera.from_field_of_view(side_px, side_px, view_deg)
     least = predictor.confidence if options.confidence is None else options.confidence
     targets = _drawings(options.images, options.draw) if options.draw else {}
     for path in options.images:
-        image = centre_square(read_rgb(path), INPUT_PX)
+        image = centre_square(read_rgb(path), side_px)
         found = predictor(image[None])[0].above(least)
         print(json.dumps({"image": str(path), "instruments": as_rows(found)}))
         if options.draw:

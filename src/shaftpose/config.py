@@ -154,9 +154,11 @@ class SceneSettings:
     power of the scope's light in W; light_shape: two light guides beside the lens or a ring around
     it; ambient: brightness of the background as the metal sees it, 1 is as photographed; roughness:
     of the steel; scratches: strength of the normal map; anisotropy: how much highlights are drawn
-    out, as on turned steel; occluder_probability: chance that tissue hides part of an image's
-    shafts; occluder_coverage: hidden share of each of these shafts; crossing_probability: chance of
-    a further shaft, annotated like the others, that passes before one of them.
+    out, as on turned steel; films: share of a shaft's surface under blood or clear fluid;
+    contact_shadow: how much the shafts darken the background beside them; occluder_probability:
+    chance that tissue hides part of an image's shafts; occluder_coverage: hidden share of each of
+    these shafts; crossing_probability: chance of a further shaft, annotated like the others, that
+    passes before one of them.
     """
 
     instruments: InstrumentCounts
@@ -170,6 +172,8 @@ class SceneSettings:
     roughness: UnitRange
     scratches: UnitRange
     anisotropy: UnitRange
+    films: UnitRange
+    contact_shadow: UnitRange
     occluder_probability: Fraction
     occluder_coverage: UnitRange
     crossing_probability: Fraction

@@ -51,7 +51,7 @@ def session(
     path = tmp_path_factory.mktemp("export") / "network.onnx"
     noise = io.StringIO()
     with redirect_stdout(noise), redirect_stderr(noise):
-        export_onnx(ShaftDetector(network, 250, 0.5, 20), path)
+        export_onnx(ShaftDetector(network, 250, 0.5, 20), path, 299)
     assert noise.getvalue() == ""
     assert [file.name for file in path.parent.iterdir()] == ["network.onnx"]
     return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
@@ -120,7 +120,7 @@ def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
         nn.init.zeros_(conv.weight)
         nn.init.zeros_(conv.bias)
         conv.weight.data[1::2, :, 1, 1] = 100.0  # the instrument's logit: 100 x the pixel's colours
-    export_onnx(ShaftDetector(network, 250, 0.5, 5), tmp_path / "colours.onnx")
+    export_onnx(ShaftDetector(network, 250, 0.5, 5), tmp_path / "colours.onnx", 299)
     session = onnxruntime.InferenceSession(tmp_path / "colours.onnx")
     black_and_white = torch.zeros(2, 299, 299, 3, dtype=torch.uint8)
     black_and_white[1] = 255
@@ -135,7 +135,7 @@ def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
     coder = BinCoder(*RANGES, steps=(1, 1, 1, 5, 5))
     network = ShaftNetwork(SampledColours(), ArchitectureB, coder)
     detector = ShaftDetector(network, 250, 0.5, 20)
-    export_onnx(detector, tmp_path / "classes.onnx")
+    export_onnx(detector, tmp_path / "classes.onnx", 299)
     session = onnxruntime.InferenceSession(tmp_path / "classes.onnx")
     images = random_images(4)
     file = file_of(session)

@@ -91,6 +91,15 @@ def test_a_prediction_sheet_shows_both_in_their_colours() -> None:
     assert has(draw_detections(BLACK, found, CAMERA), FOUND)
 
 
+def test_lines_of_text_do_not_overlap() -> None:
+    grey = np.full((299, 299, 3), 128, dtype=np.uint8)
+    poses = np.array([[-900.0, 12.4, 30.1, 88.0, 180.0]] * 3)  # out of view
+    rows = (draw_poses(grey, poses, CAMERA, FOUND) != 128).any(axis=(1, 2))[200:]
+    starts = np.count_nonzero(np.diff(rows.astype(int)) == 1)
+    assert starts == 3
+    assert rows.sum() > 30
+
+
 def test_a_caption_stands_in_the_upper_left_corner() -> None:
     pixels = drawn_at(draw_caption(BLACK, "stand-in/clear"))
     assert pixels[:, 1].max() < 25

@@ -34,7 +34,7 @@ def copy_tracked(source: Path, target: Path) -> None:
     for name in listed.stdout.splitlines():
         if (source / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source / name, target / name)
+            shutil.copy2(source / name, target / name, follow_symlinks=False)
 
 
 def commit(folder: Path) -> None:

@@ -90,9 +90,8 @@ def test_a_wrong_loss_weight_does_not_wait_for_the_render(run: Run, tmp_path: Pa
 
 
 @pytest.fixture
-def folder(clone: Path, tmp_path: Path) -> Path:
-    """A folder with the settings alone: stages that run in it find what a test puts there."""
-    shutil.copy(clone / "params.yaml", tmp_path)
+def folder(tmp_path: Path) -> Path:
+    """A folder in which stages run and find what a test puts there."""
     return tmp_path
 
 

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from shaftpose.errors import InputError
 from shaftpose.network.pose_bins import BinCoder
+from tests.pipeline.conftest import Run
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "pipelines"))
@@ -26,9 +27,8 @@ PROFILES = sorted(yaml.safe_load((ROOT / "conf/profiles.yaml").read_text()))
 
 
 def composed(*overrides: str) -> Config:
-    search = f"hydra.searchpath=[file://{ROOT}]"
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        config = compose("config", [search, "out=here", *overrides], return_hydra_config=True)
+        config = compose("config", ["out=here", *overrides], return_hydra_config=True)
         HydraConfig.instance().set_config(config)
         OmegaConf.set_struct(config, False)
         del config["hydra"]
@@ -92,11 +92,24 @@ def test_the_slurm_trainer_takes_its_size_from_the_job(monkeypatch: pytest.Monke
     assert chosen.keys() <= inspect.signature(Trainer).parameters.keys()
 
 
+def test_folders_of_the_project_are_no_config_groups(run: Run, clone: Path) -> None:
+    """Hydra takes `out=here` for the choice of a file, where it finds a folder `out`."""
+    folders = [clone / name for name in ("out", "results", "variants")]
+    for folder in folders:
+        folder.mkdir()
+    command = ("pipelines/split.py", "out=here", "results=there", "variants=[c]", "--cfg", "job")
+    result = run("python", *command)
+    for folder in folders:
+        folder.rmdir()
+    assert result.returncode == 0, result.stderr
+    shown = yaml.safe_load(result.stdout)
+    assert (shown["out"], shown["results"], shown["variants"]) == ("here", "there", ["c"])
+
+
 @pytest.mark.parametrize("launcher", ["workstation", "slurm"])
 def test_launchers_compose(launcher: str) -> None:
-    search = f"hydra.searchpath=[file://{ROOT}]"
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        config = compose("config", [search, f"hydra/launcher={launcher}"], return_hydra_config=True)
+        config = compose("config", [f"hydra/launcher={launcher}"], return_hydra_config=True)
     expected = {"workstation": "joblib", "slurm": "submitit"}[launcher]
     assert expected in config.hydra.launcher._target_.lower()
 

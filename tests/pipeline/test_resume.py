@@ -2,7 +2,6 @@
 
 import csv
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -95,7 +94,6 @@ class Training:
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the stage `train` runs."""
     folder = tmp_path_factory.mktemp("project")
-    shutil.copy(ROOT / "params.yaml", folder)
     write_training_data(folder)
     return folder
 

@@ -276,9 +276,9 @@ def test_anisotropy_changes_the_steel_and_nothing_else(
 def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
     with_scene: Callable[..., RenderSettings],
 ) -> None:
-    from shaftpose.rendering.blender import _lamp_places
+    from shaftpose.rendering.blender import lamp_places
 
-    twin, ring = (np.array(_lamp_places(with_scene(light_shape=s).scene)) for s in ("twin", "ring"))
+    twin, ring = (np.array(lamp_places(with_scene(light_shape=s).scene)) for s in ("twin", "ring"))
     np.testing.assert_array_equal(twin, [[-2, 0], [2, 0]])
     np.testing.assert_allclose(np.linalg.norm(ring, axis=1), 2)
     np.testing.assert_allclose(ring.mean(axis=0), 0, atol=1e-12)

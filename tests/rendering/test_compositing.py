@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.rendering.compositing import apply_lens, composite, to_srgb
+from shaftpose.rendering.compositing import apply_lens, composite, darken, to_srgb
 from shaftpose.rendering.scene import Lens
 
 CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
@@ -55,6 +55,13 @@ def test_half_foreground_blends_in_linear_light() -> None:
     # 0.25 + 0.5 * 1 = 0.75, which is 225 in sRGB (in sRGB values it would be 0.5 * (188 + 255)).
     white = np.full((1, 1, 3), 255, dtype=np.uint8)
     np.testing.assert_array_equal(composite(pixel(0.25, 0.0, 0.5, 0.5), white), [[[225, 188, 255]]])
+
+
+def test_light_is_taken_away_in_linear_light() -> None:
+    levels = np.arange(256, dtype=np.uint8).reshape(1, 256, 1).repeat(3, axis=2)
+    none, half = (np.full((1, 256), share, dtype=np.float32) for share in (0, 0.5))
+    np.testing.assert_array_equal(darken(levels, none), levels)
+    assert darken(levels, half)[0, 255].tolist() == [188] * 3  # half of the light of 255
 
 
 def test_a_clean_lens_changes_nothing() -> None:

@@ -3,7 +3,7 @@
 Each set of options has a process of its own, which renders a few images and their annotations.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -211,6 +211,8 @@ def forceps_settings(settings: RenderSettings) -> RenderSettings:
         instruments=(1, 2),
         light_shape="ring",
         anisotropy=(0.3, 0.9),
+        films=(0.2, 0.6),
+        contact_shadow=(0.3, 0.8),
         occluder_probability=0.6,
         occluder_coverage=(0.1, 0.6),
     )
@@ -294,6 +296,65 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
         members = (shards._location(sample_key(last), suffix) for shards in (one, all_of_them))
         first, second = (member.read() for member in members)
         assert first == second, suffix
+
+
+# The paper's setting, and each of two things that change pixels and no annotation.
+
+
+@pytest.fixture(scope="module")
+def alike(
+    with_scene: Callable[..., RenderSettings],
+    backgrounds: Mapping[Path, str],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> dict[str, list[Rendered]]:
+    """The same images plain, with a contact shadow, and with films."""
+    changed = {
+        "plain": {},
+        "shadow": {"contact_shadow": (0.5, 0.9)},
+        "films": {"films": (0.3, 0.6)},
+    }
+    rendered = {}
+    for name, scene in changed.items():
+        folder = tmp_path_factory.mktemp(name)
+        render(folder, with_scene(**scene), backgrounds, list(range(3)))
+        rendered[name] = read(folder)
+    return rendered
+
+
+def all_masks(image: Rendered) -> Mask:
+    return np.any([shaft.mask for shaft in image.shafts], axis=0)
+
+
+@pytest.mark.parametrize("option", ["shadow", "films"])
+def test_looks_change_no_annotation(alike: dict[str, list[Rendered]], option: str) -> None:
+    for plain, changed in zip(alike["plain"], alike[option], strict=True):
+        assert (plain.rgb != changed.rgb).any()
+        for before, after in zip(plain.shafts, changed.shafts, strict=True):
+            assert (before.pose, before.info) == (after.pose, after.info)
+            np.testing.assert_array_equal(before.mask, after.mask)
+
+
+def test_a_contact_shadow_darkens_the_background_and_no_shaft(
+    alike: dict[str, list[Rendered]],
+) -> None:
+    for plain, changed in zip(alike["plain"], alike["shadow"], strict=True):
+        difference = plain.rgb.astype(int) - changed.rgb
+        steel = ~grown(~all_masks(plain), 2)  # the rim of a shaft blends with the background
+        assert not difference[steel].any()
+        assert difference.min() >= 0
+        beside = grown(all_masks(plain), 4) & ~grown(all_masks(plain), 2)
+        far = ~grown(all_masks(plain), 60)
+        assert difference[beside].mean() > 3
+        assert difference[far].mean() < 1
+
+
+def test_a_film_changes_the_shafts_alone(alike: dict[str, list[Rendered]]) -> None:
+    shares = []
+    for plain, changed in zip(alike["plain"], alike["films"], strict=True):
+        differs = np.any(plain.rgb != changed.rgb, axis=-1)
+        assert not (differs & ~grown(all_masks(plain), 2)).any()
+        shares.append(differs[all_masks(plain)].mean())
+    assert min(shares) > 0.1
 
 
 # A CAD file of a plain rod, for which geometry knows the masks.

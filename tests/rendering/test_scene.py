@@ -10,7 +10,7 @@ import pytest
 from shaftpose.config import Distortion, Range, RenderSettings, SceneSettings
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, cylinder_depth
-from shaftpose.rendering.scene import Lens, Scene, SceneSampler, Steel
+from shaftpose.rendering.scene import Film, Lens, Scene, SceneSampler, Steel
 
 IMAGES = 12
 
@@ -152,7 +152,13 @@ def with_all_options(settings: RenderSettings) -> RenderSettings:
         distortion=Distortion((-0.02, -0.01), (0.0, 0.01)),
         field_px=420.0,  # all but the corners
     )
-    scene = replace(settings.scene, anisotropy=(0.2, 0.8), light_shape="ring")
+    scene = replace(
+        settings.scene,
+        anisotropy=(0.2, 0.8),
+        light_shape="ring",
+        films=(0.1, 0.4),
+        contact_shadow=(0.3, 0.6),
+    )
     shaft = replace(settings.shaft, tip="rounded")
     return replace(settings, lens=lens, scene=scene, shaft=shaft)
 
@@ -171,6 +177,9 @@ def test_the_papers_setting_states_no_option(
         facts = json.loads(json.dumps(scene.facts()))
         assert {"motion_px", "jpeg_quality"} <= facts["lens"].keys()
         assert all(steel["anisotropy"] >= 0.2 for steel in facts["steels"])
+        assert [Film(**film | {"pattern_mm": tuple(film["pattern_mm"])})
+                for film in facts["films"]] == list(scene.films)  # fmt: skip
+        assert 0.3 <= facts["contact_shadow"] <= 0.6
 
 
 def test_the_papers_setting_draws_what_it_always_drew(
@@ -200,6 +209,8 @@ def test_options_leave_the_rest_of_an_image_as_it_is(
             camera=before.camera,
             steels=tuple(replace(steel, anisotropy=0.0) for steel in after.steels),
             lens=replace(after.lens, motion_px=(0.0, 0.0), jpeg_quality=None),
+            films=(),
+            contact_shadow=0.0,
         )
         assert same == before
 
@@ -208,10 +219,25 @@ def test_an_option_leaves_the_draws_of_another(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:
     every = with_all_options(settings)
-    fewer = replace(every, scene=replace(every.scene, anisotropy=(0.0, 0.0)))
+    off = {"anisotropy": (0.0, 0.0), "films": (0.0, 0.0)}
+    fewer = replace(every, scene=replace(every.scene, **off))
     for one, other in zip(scenes(every, backgrounds), scenes(fewer, backgrounds), strict=True):
         assert (one.camera, one.lens) == (other.camera, other.lens)
+        assert one.contact_shadow == other.contact_shadow
         assert one.steels != other.steels
+
+
+def test_every_shaft_has_a_film_of_its_own(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    settings = with_scene(films=(0.1, 0.4))
+    drawn = scenes(settings, backgrounds)
+    assert all(len(scene.films) == len(scene.shafts) for scene in drawn)
+    films = [film for scene in drawn for film in scene.films]
+    assert {film.blood for film in films} == {False, True}
+    assert len({film.pattern_mm for film in films}) == len(films)
+    for film in films:
+        assert_within(film.coverage, settings.scene.films)
 
 
 def test_cameras_lie_within_their_ranges(

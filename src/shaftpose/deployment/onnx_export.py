@@ -12,14 +12,14 @@ import torch
 from onnxscript import opset20
 from torch import nn
 
-from shaftpose.deployment.predictor import CONFIDENCE
+from shaftpose.deployment.predictor import CONFIDENCE, SHAFT_DIAMETER_MM, VIEW_DEG
 
 OPSET = 20
 # Its type hints refuse the Python numbers and lists that it accepts.
 op: Any = opset20
 
 
-def export_onnx(detector: nn.Module, path: Path, side_px: int = 299) -> None:
+def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
     """Write a detector to one file with input `image` and outputs `boxes`, `scores`, `poses`.
 
     detector: (N, side, side, 3) uint8 RGB -> three tensors whose first dimension is N, which stays
@@ -44,10 +44,15 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int = 299) -> None:
     program.save(path, external_data=False)
 
 
-def store_confidence(path: Path, confidence: float) -> None:
-    """Note in an exported file from which score on its detections count."""
+def store_metadata(
+    path: Path, confidence: float, view_deg: float, shaft_diameter_mm: float | None
+) -> None:
+    """Note in an exported file from which score on its detections count, and the camera and the
+    shaft that it was trained for, without which its millimetres mean nothing."""
+    known = {CONFIDENCE: confidence, VIEW_DEG: view_deg, SHAFT_DIAMETER_MM: shaft_diameter_mm}
     model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, {CONFIDENCE: repr(confidence)})
+    stated = {key: repr(value) for key, value in known.items() if value is not None}
+    onnx.helper.set_model_props(model, stated)
     onnx.save(model, str(path))
 
 

@@ -18,7 +18,7 @@ Colour = tuple[int, int, int]
 # Okabe and Ito's palette, told apart by colour-blind readers too.
 TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
-_TEXT_PX = 13
+_LINE_PX = 19  # a line of text with its rim is 18 px high, 7 px of it below its origin
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
 
 
@@ -83,14 +83,14 @@ def draw_poses(
         cv2.line(drawn, tip, far, colour, 1, cv2.LINE_AA)
         cv2.circle(drawn, tip, 3, colour, 1, cv2.LINE_AA)
         if text:
-            _write(drawn, pose_text(pose), (4, image.shape[0] - 5 - _TEXT_PX * row), colour)
+            _write(drawn, pose_text(pose), (4, image.shape[0] - 8 - _LINE_PX * row), colour)
     return drawn
 
 
 def draw_caption(image: Image, text: str) -> Image:
     """The image with a line of white text in its upper left corner."""
     drawn = image.copy()
-    _write(drawn, text, (4, _TEXT_PX + 2), (255, 255, 255))
+    _write(drawn, text, (4, 15), (255, 255, 255))
     return drawn
 
 

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from shaftpose.errors import InputError
 from shaftpose.instruments import Detections
 
-# The model file's metadata that holds the score from which on its detections count.
+# Keys of the model file's metadata.
 CONFIDENCE = "confidence"
+VIEW_DEG = "view_deg"
+SHAFT_DIAMETER_MM = "shaft_diameter_mm"
+# Of models whose files do not say: the paper's camera.
+_VIEW_DEG_UNSTATED = 95.0
 
 
 class Predictor:
@@ -32,6 +36,12 @@ class Predictor:
         if names != ["boxes", "scores", "poses"]:
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
+        self._stated = self._session.get_modelmeta().custom_metadata_map
+
+    @property
+    def side_px(self) -> int:
+        """The side of the square images that the model takes."""
+        return int(self._session.get_inputs()[0].shape[1])
 
     @property
     def confidence(self) -> float:
@@ -39,10 +49,21 @@ class Predictor:
 
         Raises InputError naming the file if it does not say.
         """
-        known = self._session.get_modelmeta().custom_metadata_map
-        if CONFIDENCE not in known:
+        if CONFIDENCE not in self._stated:
             raise InputError(f"{self._path}: holds no confidence; export it again or state one")
-        return float(known[CONFIDENCE])
+        return float(self._stated[CONFIDENCE])
+
+    @property
+    def view_deg(self) -> float:
+        """The angle across the images that the model was trained for."""
+        return float(self._stated.get(VIEW_DEG, _VIEW_DEG_UNSTATED))
+
+    @property
+    def shaft_diameter_mm(self) -> float | None:
+        """The diameter of the shafts that the model was trained for; None if the file does not say,
+        as for an instrument from a CAD file."""
+        stated = self._stated.get(SHAFT_DIAMETER_MM)
+        return None if stated is None else float(stated)
 
     def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""

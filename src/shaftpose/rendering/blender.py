@@ -6,6 +6,7 @@ frame enter by the flip (x, -y, -z).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from shaftpose.config import RenderSettings, SceneSettings
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.rendering.cycles_passes import PassReader
+from shaftpose.rendering.films import FilmLayer
 from shaftpose.rendering.materials import GlowMaterial, SteelMaterial, TissueMaterial
 from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box
 from shaftpose.rendering.optics import pinhole_behind, seen_by
@@ -75,12 +77,13 @@ class Renderer:
         self._scene = bpy.context.scene
         _set_up_cycles(self._scene, self._pinhole.width, settings.samples)
         _add_camera(self._scene, self._pinhole)
-        self._lamps = [_add_lamp(self._scene, *place) for place in _lamp_places(settings.scene)]
+        self._lamps = [_add_lamp(self._scene, *place) for place in lamp_places(settings.scene)]
         self._glow = _add_room(self._scene)
         self._data = _blender_mesh("shaft", self._mesh, smooth=True)
         self._shafts: list[Any] = []
         self._places: list[NDArray[np.float64]] = []  # of the shafts in the scene
         self._steels: list[SteelMaterial] = []
+        self._films: list[FilmLayer] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
         self._image: Any = None
@@ -92,6 +95,8 @@ class Renderer:
         self._place_shafts(scene.shafts, scene.rolls_deg)
         for material, steel in zip(self._steels, scene.steels, strict=False):
             material.apply(steel)
+        for layer, film in zip_longest(self._films, scene.films[: len(self._films)]):
+            layer.apply(film)
         self._place_occluders(scene.occluders)
         return self._render_for(scene.camera)
 
@@ -137,6 +142,7 @@ class Renderer:
         shaft.pass_index = number + 1
         self._shafts.append(shaft)
         self._steels.append(steel)
+        self._films.append(FilmLayer(steel.material))
 
     def _place_occluders(self, occluders: Sequence[Occluder]) -> None:
         for lump, _ in self._occluders:
@@ -259,7 +265,7 @@ def _add_camera(scene: Any, pinhole: Camera) -> None:
     scene.camera = camera
 
 
-def _lamp_places(scene: SceneSettings) -> list[tuple[float, float]]:
+def lamp_places(scene: SceneSettings) -> list[tuple[float, float]]:
     """x and y of the light guides around the lens, mm."""
     if scene.light_shape == "twin":
         return [(-_LAMP_MM, 0.0), (_LAMP_MM, 0.0)]

@@ -40,6 +40,11 @@ def composite(
     return np.where(alpha > 0, blended, background_rgb)
 
 
+def darken(rgb: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """An image (H, W, 3) without a share (H, W) of its light; where that is 0, it is the same."""
+    return to_srgb(_TO_LINEAR[rgb] * (1 - share[..., None]))
+
+
 def apply_lens(
     rgb: NDArray[np.uint8],
     lens: Lens,

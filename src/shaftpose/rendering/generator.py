@@ -11,8 +11,9 @@ from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
 from shaftpose.geometry import cylinder_depth, mask_box
 from shaftpose.images import read_rgb
-from shaftpose.rendering.blender import Foreground, Renderer
-from shaftpose.rendering.compositing import apply_lens, composite
+from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
+from shaftpose.rendering.compositing import apply_lens, composite, darken
+from shaftpose.rendering.contact_shadow import contact_shadow
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import Instrument, Sample, sample_key
@@ -39,6 +40,7 @@ class Generator:
         rgb = read_background(scene.background, self._settings.camera.size_px)
         if foreground is not None:
             where = foreground.region.slices
+            rgb = self._shadowed(rgb, scene, instruments)
             rgb[where] = composite(foreground.linear, rgb[where])
         camera = scene.camera
         shown = None if camera.field_px is None else np.isfinite(camera.rays()[..., 0])
@@ -49,6 +51,16 @@ class Generator:
             camera=camera,
             facts=self._facts(scene, index),
         )
+
+    def _shadowed(
+        self, rgb: NDArray[np.uint8], scene: Scene, instruments: tuple[Instrument, ...]
+    ) -> NDArray[np.uint8]:
+        """The background (H, W, 3) with what the scene has of contact shadow."""
+        if not scene.contact_shadow:
+            return rgb
+        shafts = [(instrument.pose, instrument.mask) for instrument in instruments]
+        shadow = contact_shadow(scene.camera, shafts, lamp_places(self._settings.scene))
+        return darken(rgb, scene.contact_shadow * shadow)
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
         """The first draw that shows enough of every shaft and, of those with an occluder, hides as

@@ -41,6 +41,15 @@ class Steel:
 
 
 @dataclass(frozen=True)
+class Film:
+    """Blood, else clear fluid, on `coverage` of one shaft's surface."""
+
+    blood: bool
+    coverage: float
+    pattern_mm: tuple[float, float, float]  # where in the pattern of drops the shaft lies
+
+
+@dataclass(frozen=True)
 class Light:
     """The scope's light: radiant power in W and colour temperature in K; ambient is the
     brightness of the surroundings as the metal sees them (1 = as photographed)."""
@@ -88,6 +97,8 @@ class Scene:
     lens: Lens
     sensor_seed: int
     tries: int
+    films: tuple[Film, ...] = ()  # one a shaft, or none at all
+    contact_shadow: float = 0.0
 
     def facts(self) -> dict[str, Any]:
         """All but poses, background and camera as plain values, for shaft.json; options that are
@@ -99,7 +110,12 @@ class Scene:
             "lens": _stated(self.lens),
             "tries": self.tries,
         }
-        return facts | ({"rolls_deg": self.rolls_deg} if any(self.rolls_deg) else {})
+        options: dict[str, Any] = {
+            "rolls_deg": self.rolls_deg if any(self.rolls_deg) else (),
+            "films": [_stated(film) for film in self.films],
+            "contact_shadow": self.contact_shadow,
+        }
+        return facts | {name: value for name, value in options.items() if value}
 
 
 def _stated(part: Any) -> dict[str, Any]:
@@ -119,11 +135,14 @@ class _Draws:
     crossing: np.random.Generator
     surface: np.random.Generator
     lens: np.random.Generator
+    films: np.random.Generator
+    shadow: np.random.Generator
 
     @classmethod
     def of_image(cls, seed: int, index: int) -> "_Draws":
         own = np.random.SeedSequence([seed, index])
-        return cls(*(np.random.default_rng(sequence) for sequence in (own, *own.spawn(4))))
+        children = own.spawn(len(fields(cls)) - 1)
+        return cls(*(np.random.default_rng(sequence) for sequence in (own, *children)))
 
 
 @dataclass(frozen=True)
@@ -167,6 +186,8 @@ class SceneSampler:
             lens=sample_lens(rng, draws.lens, settings.lens),
             sensor_seed=int(rng.integers(2**31)),
             tries=sampled.tries,
+            films=sample_films(draws.films, len(steels), settings.scene),
+            contact_shadow=_uniform(draws.shadow, settings.scene.contact_shadow),
         )
 
     @property
@@ -210,6 +231,20 @@ def sample_steel(rng: np.random.Generator, scene: SceneSettings) -> Steel:
         roughness=_uniform(rng, scene.roughness),
         scratches=_uniform(rng, scene.scratches),
         grain=float(rng.uniform(2.0, 8.0)),
+    )
+
+
+def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) -> tuple[Film, ...]:
+    """A film for each shaft, of blood or of fluid, unless the settings have none."""
+    if not scene.films[1]:
+        return ()
+    return tuple(
+        Film(
+            blood=bool(rng.random() < 0.5),
+            coverage=_uniform(rng, scene.films),
+            pattern_mm=(float(rng.uniform(0, 1000)), float(rng.uniform(0, 1000)), 0.0),
+        )
+        for _ in range(shafts)
     )
 
 

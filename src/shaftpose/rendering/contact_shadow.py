@@ -1,0 +1,58 @@
+"""The soft shadow that shafts throw on the tissue behind them, of which there is only a photo."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.geometry import Camera, ShaftPose
+
+_GAP_MM = 6.0  # from a tip to the tissue behind it
+_LAMP_MM = 3.0  # half width of the light: the lamp, and what tissue around throws back
+# Distances in px between a point and its shadow, for a lamp 1 mm beside the lens.
+_PARALLAXES = 2.0 ** np.arange(-1, 6)
+
+
+def contact_shadow(
+    camera: Camera,
+    shafts: Sequence[tuple[ShaftPose, NDArray[np.bool_]]],
+    lamps_mm: Sequence[tuple[float, float]],
+) -> NDArray[np.float32]:
+    """The share (H, W), 0 to 1, of its light that the tissue around shafts loses.
+
+    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps beside the lens. The
+    tissue behind a shaft is taken for a plane across the view, at the depth d a little beyond the
+    tip. On it a point at depth z has its shadow f b (1/z - 1/d) px beside itself for a lamp b mm
+    beside the lens, and as much more blurred as the lamp is wide: close to the tip the shadow is
+    narrow and dark, towards the handle wide and faint.
+    """
+    layers = np.zeros((len(_PARALLAXES), camera.height, camera.width), dtype=np.float32)
+    for pose, mask in shafts:
+        near = _inverse_depth(camera, pose)[mask] * (pose.z_mm + _GAP_MM)  # d / z
+        parallax = camera.focal_px / (pose.z_mm + _GAP_MM) * (near - 1)
+        octave = np.log2(np.clip(parallax, _PARALLAXES[0], _PARALLAXES[-1]) / _PARALLAXES[0])
+        for number, layer in enumerate(layers):
+            layer[mask] += np.clip(1 - np.abs(octave - number), 0, 1) / near
+    shadow = np.zeros(layers.shape[1:], dtype=np.float32)
+    for layer, parallax in zip(layers, _PARALLAXES.tolist(), strict=True):
+        if layer.any():
+            blurred = cv2.GaussianBlur(layer, (0, 0), _LAMP_MM * parallax)
+            for x_mm, y_mm in lamps_mm:
+                shadow += _moved(blurred, -x_mm * parallax, -y_mm * parallax) / len(lamps_mm)
+    # Half of a blurred shadow lies behind the edge that throws it.
+    return np.minimum(2 * shadow, 1)
+
+
+def _inverse_depth(camera: Camera, pose: ShaftPose) -> NDArray[np.float64]:
+    """1 / z (H, W), 1 / mm, of the plane through a shaft's axis that most faces the camera."""
+    normal = np.cross(pose.direction, np.cross(pose.direction, pose.tip_mm))
+    inverse: NDArray[np.float64] = camera.rays() @ normal / (pose.tip_mm @ normal)
+    return inverse
+
+
+def _moved(image: NDArray[np.float32], right_px: float, down_px: float) -> NDArray[np.float32]:
+    way = np.array([[1, 0, right_px], [0, 1, down_px]])
+    # The shaft goes on beyond the image, and so does its shadow.
+    moved = cv2.warpAffine(image, way, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.float32)
