@@ -32,7 +32,7 @@ from settings import size  # noqa: E402
 from stage import Config  # noqa: E402
 from train import build_module, build_trainer, training_data  # noqa: E402
 
-from benchmarks.prediction import processor  # noqa: E402
+from benchmarks.machine import processor  # noqa: E402
 from shaftpose.batches import Batch, Targets  # noqa: E402
 from shaftpose.config import Size  # noqa: E402
 from shaftpose.dataset.skipped import SkippedImages  # noqa: E402

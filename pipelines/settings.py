@@ -98,5 +98,6 @@ def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSetti
         **parts,
         "samples": config["size"]["samples"],
         "jpeg_quality": config["render"]["jpeg_quality"],
+        "device": config["render"]["device"],
     }
     return parse(RenderSettings, values, "params.yaml")

@@ -209,7 +209,10 @@ class LensSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class RenderSettings:
-    """Everything that determines the images of a rendered set besides its backgrounds and seed."""
+    """Everything that determines the images of a rendered set besides its backgrounds and seed.
+
+    device: what Cycles renders on; the CPU where Blender finds no such device.
+    """
 
     camera: CameraSettings
     poses: PoseRanges
@@ -218,6 +221,7 @@ class RenderSettings:
     lens: LensSettings
     samples: PositiveInt
     jpeg_quality: Annotated[int, Field(ge=1, le=100)]
+    device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -177,17 +177,29 @@ def cylinder_depth(
     rays = camera.rays(stride)
     tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2
     depth = np.full(rays.shape[:2], np.inf)
+    near = _near_line(rays, tip, axis, 1.001 * radius)  # few rays; all others miss the cylinder
+    rays = rays[near]
+    nearest = np.full(len(rays), np.inf)
     for hit in (*_side_hits(rays, tip, axis, radius, length_mm),
                 _disc_hits(rays, tip, axis, radius),
                 _disc_hits(rays, tip + length_mm * axis, axis, radius)):  # fmt: skip
-        depth = np.where(hit > 0, np.minimum(depth, hit), depth)
+        nearest = np.where(hit > 0, np.minimum(nearest, hit), nearest)
+    depth[near] = nearest
     return depth
+
+
+def _near_line(rays: Array, point: Array, axis: Array, reach: float) -> NDArray[np.bool_]:
+    """Whether rays (..., 3) from the origin pass a line within `reach`: the distance of two lines
+    is |r . (p x a)| / |r x a|. A ray along the line counts, as |r x a| is 0 but for rounding."""
+    across = np.einsum("...i,...i", rays, rays) - (rays @ axis) ** 2
+    near: NDArray[np.bool_] = (rays @ np.cross(point, axis)) ** 2 <= reach**2 * across + 1e-6
+    return near
 
 
 def _side_hits(
     rays: Array, tip: Array, axis: Array, radius: float, length_mm: float
 ) -> tuple[Array, Array]:
-    """Ray parameters (h, w) at the two crossings of the cylinder's side; NaN where none."""
+    """Parameters (N,) of rays (N, 3) at the side's two crossings; NaN where there is none."""
     along_ray, along_tip = rays @ axis, float(tip @ axis)
     across_ray = rays - along_ray[..., None] * axis
     across_tip = tip - along_tip * axis
@@ -208,7 +220,7 @@ def _within(hits: Array, height: Array, length_mm: float) -> Array:
 
 
 def _disc_hits(rays: Array, centre: Array, normal: Array, radius: float) -> Array:
-    """Ray parameters (h, w) at the crossing of a disc; NaN where none."""
+    """Parameters (N,) of rays (N, 3) at the crossing of a disc; NaN where none."""
     with np.errstate(invalid="ignore", divide="ignore"):
         hits = float(centre @ normal) / (rays @ normal)
         distance = np.linalg.norm(hits[..., None] * rays - centre, axis=-1)

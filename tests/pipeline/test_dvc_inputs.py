@@ -37,7 +37,8 @@ NOT_LISTED = frozenset(
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log
     # Camera, lens and shaft make a silhouette; the rest of the render settings is checked.
-    "evaluate_real": {"poses", "scene", "render.jpeg_quality", "size.samples"},
+    "evaluate_real": {"poses", "scene", "render.jpeg_quality", "render.device", "size.samples"},
+    "validate": {"render.device"},  # images are valid whatever has rendered them
 }
 # Not read for results: MLflow shows most of the configuration of a training, and the name of its
 # scratch folder depends on it.

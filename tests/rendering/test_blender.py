@@ -253,6 +253,72 @@ def render_full_frame(
     return full
 
 
+@pytest.mark.parametrize(
+    ("far_mm", "pitch_deg"), [(40.0, 90.0), (150.0, 90.0), (40.0, 100.0), (40.0, 180.0)]
+)
+def test_the_room_holds_all_that_is_seen_of_a_shaft(
+    settings: RenderSettings, camera: Camera, far_mm: float, pitch_deg: float
+) -> None:
+    from shaftpose.rendering.blender import room_half_mm
+
+    poses = replace(settings.poses, z_mm=(10.0, far_mm), pitch_deg=(50.0, pitch_deg))
+    half_mm = room_half_mm(replace(settings, poses=poses), camera)
+    rng = np.random.default_rng(4)
+    for pose in map(ShaftPose.from_array, rng.uniform(poses.low, poses.high, (200, 5))):
+        along = np.linspace(0, settings.shaft.length_mm, 500)[:, None]
+        points = pose.tip_mm + along * pose.direction
+        points = points[points[:, 2] > 0]
+        seen = points[camera.shows(camera.project(points))]
+        reach = np.abs(seen).max(initial=0) + settings.shaft.diameter_mm / 2
+        assert reach < half_mm
+
+
+def test_the_room_of_the_repository_s_own_settings(
+    settings: RenderSettings, camera: Camera
+) -> None:
+    from shaftpose.rendering.blender import room_half_mm
+
+    assert room_half_mm(settings, camera) == 60.0
+
+
+def test_metal_mirrors_the_background_in_its_place_and_without_detail(
+    renderer: "Renderer",
+) -> None:
+    import bpy
+
+    from shaftpose.rendering.materials import mirrored_image
+
+    rgb = np.zeros((299, 299, 3), dtype=np.uint8)
+    rgb[:140, :140, 0] = 255  # top left
+    rgb[160:, :, 2] = np.where(np.arange(299) % 2, 255, 0)  # fine stripes at the bottom
+    image = mirrored_image(rgb)
+    width, height = image.size
+    pixels = np.empty(width * height * 4, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    from_top = pixels.reshape(height, width, 4)[::-1]
+    np.testing.assert_allclose(from_top[0, 0], [1, 0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(from_top[0, -1], [0, 0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(from_top[-1, :, 2], 0.5, atol=0.05)
+
+
+def test_scratches_make_steel_rougher(generator: "Generator") -> None:
+    from shaftpose.rendering.materials import roughness_with_scratches
+
+    steel = replace(first_scene(generator, 0).steels[0], roughness=0.3, scratches=0.0)
+    assert roughness_with_scratches(steel) == pytest.approx(0.3)
+    rougher = [roughness_with_scratches(replace(steel, scratches=s)) for s in (0.1, 0.3, 1.0)]
+    assert 0.3 < rougher[0] < rougher[1] < rougher[2] < 1.0
+
+
+def test_the_slope_of_the_normal_map_is_the_one_stated() -> None:
+    from shaftpose.rendering.materials import _SLOPE, scratch_normals
+
+    normals = 2 * scratch_normals(np.random.default_rng(0), 512) - 1
+    slopes = normals[..., :2] / normals[..., 2:]
+    assert np.sqrt(np.mean(slopes**2)) == pytest.approx(_SLOPE, rel=0.05)
+
+
 def test_anisotropy_changes_the_steel_and_nothing_else(
     generator: "Generator", renderer: "Renderer"
 ) -> None:

@@ -104,5 +104,11 @@ def test_images_are_reported(watch: Watch, monkeypatch: pytest.MonkeyPatch) -> N
     assert events == [{"images": 1}, {"images": 2}, {"images": 3}]
 
 
+def test_a_warning_is_reported_at_once(watch: Watch) -> None:
+    events: list[dict[str, str]] = []
+    watch("print('warning: no GPU here'); print('image')", report=events.append)
+    assert events == [{"trouble": "no GPU here"}]
+
+
 def test_other_software_than_that_of_the_run_is_refused(shard: Shard) -> None:
     assert "install the same versions" in render_shard(shard, Run("of another machine", "", 1.0))

@@ -16,24 +16,31 @@ from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings, SceneSettings
 from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.images import read_rgb
 from shaftpose.rendering.cycles_passes import PassReader
+from shaftpose.rendering.device import use_device
 from shaftpose.rendering.films import FilmLayer
-from shaftpose.rendering.materials import GlowMaterial, SteelMaterial, TissueMaterial
+from shaftpose.rendering.materials import (
+    GlowMaterial,
+    SteelMaterial,
+    TissueMaterial,
+    mirrored_image,
+)
 from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box
 from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.scene import Light, Occluder, Scene
 from shaftpose.rendering.shapes import instrument_shape
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-_ROOM_MM = 60.0  # half edge of the cube that carries the background (paper, training dataset)
+_LEAST_ROOM_MM = 60.0  # half edge of the cube that carries the background
 _LAMP_MM = 2.0  # from the lens to a light guide
 _RING_LAMPS = 8
 _LAMP_SIZE_MM = 1.5
 # The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
 _MARGIN_PX = 3
 _OCCLUDER_INDEX = 100
-# Metal mirrors the cube after one bounce and itself or the other shaft after two.
-_BOUNCES = 3
+# Metal mirrors the cube after one bounce, and after two what the other shaft mirrors.
+_BOUNCES = 2
 
 
 @dataclass(frozen=True)
@@ -76,9 +83,10 @@ class Renderer:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
         _set_up_cycles(self._scene, self._pinhole.width, settings.samples)
+        use_device(self._scene, settings.device)
         _add_camera(self._scene, self._pinhole)
         self._lamps = [_add_lamp(self._scene, *place) for place in lamp_places(settings.scene)]
-        self._glow = _add_room(self._scene)
+        self._glow = _add_room(self._scene, room_half_mm(settings, self._pinhole))
         self._data = _blender_mesh("shaft", self._mesh, smooth=True)
         self._shafts: list[Any] = []
         self._places: list[NDArray[np.float64]] = []  # of the shafts in the scene
@@ -86,7 +94,7 @@ class Renderer:
         self._films: list[FilmLayer] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
-        self._image: Any = None
+        self._images: list[Any] = []  # of the background: as metal mirrors it, as tissue shows it
         self._reader = PassReader()
 
     def render(self, scene: Scene) -> Foreground | None:
@@ -113,12 +121,12 @@ class Renderer:
         return index
 
     def _show_background(self, path: Path, light: Light) -> None:
-        image = bpy.data.images.load(str(path.resolve()))
-        self._glow.apply(image, light.ambient)
+        images = [mirrored_image(read_rgb(path)), bpy.data.images.load(str(path.resolve()))]
+        self._glow.apply(images[0], light.ambient)
         # A changed image is never seen by Cycles' persistent data; a new one is.
-        if self._image is not None:
-            bpy.data.images.remove(self._image)
-        self._image = image
+        for image in self._images:
+            bpy.data.images.remove(image)
+        self._images = images
         for lamp in self._lamps:
             lamp.data.energy = light.strength / len(self._lamps)
             lamp.data.color = kelvin_to_rgb(light.kelvin)
@@ -160,7 +168,7 @@ class Renderer:
         lump.data.materials[0] = tissue.material
         lump.pass_index = _OCCLUDER_INDEX
         lump.matrix_world = _to_blender(_FLIP @ _occluder_matrix(occluder))
-        tissue.apply(self._image, occluder.tint)
+        tissue.apply(self._images[1], occluder.tint)
         self._scene.collection.objects.link(lump)
         return lump, mesh
 
@@ -247,7 +255,8 @@ def _set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
     scene.view_settings.view_transform = "Standard"
     scene.view_layers[0].use_pass_object_index = True
     cycles = scene.cycles
-    cycles.device, cycles.seed = "CPU", 0
+    cycles.seed = 0
+    cycles.use_light_tree = False  # which is for many lights; here the lamps are the only ones
     cycles.samples, cycles.use_adaptive_sampling = samples, False
     cycles.use_denoising = cycles.use_auto_tile = False
     cycles.max_bounces = cycles.glossy_bounces = _BOUNCES
@@ -283,10 +292,20 @@ def _add_lamp(scene: Any, x_mm: float, y_mm: float) -> Any:
     return lamp
 
 
-def _add_room(scene: Any) -> GlowMaterial:
+def room_half_mm(settings: RenderSettings, pinhole: Camera) -> float:
+    """Half edge of the cube that carries the background (paper, training dataset): so large that
+    no visible part of a shaft pierces it. What is visible lies in the field of view, and no
+    farther away than the farthest tip, or handle if it points away from the camera."""
+    away = max(0.0, -float(np.cos(np.radians(settings.poses.pitch_deg[1]))))
+    farthest = settings.poses.z_mm[1] + away * instrument_shape(settings.shaft).length_mm
+    across = farthest * max(1.0, pinhole.width / (2 * pinhole.focal_px))
+    return max(_LEAST_ROOM_MM, 1.2 * across)
+
+
+def _add_room(scene: Any, half_mm: float) -> GlowMaterial:
     """The cube of background images around camera and shafts; the camera does not see it."""
     glow = GlowMaterial.create("background")
-    mesh = _blender_mesh("room", room_mesh(_ROOM_MM), smooth=False)
+    mesh = _blender_mesh("room", room_mesh(half_mm), smooth=False)
     mesh.materials[0] = glow.material
     room = bpy.data.objects.new("room", mesh)
     room.visible_camera = room.visible_shadow = False

@@ -19,6 +19,11 @@ _CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
 _HAZE_COLOUR = np.array([214, 208, 204], dtype=np.float32)
 
 
+def to_linear(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """8-bit sRGB to scene-linear values in [0, 1]."""
+    return np.asarray(_TO_LINEAR[rgb], dtype=np.float32)
+
+
 def to_srgb(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Scene-linear values to 8-bit sRGB; what is brighter than 1 is clipped, as in a sensor."""
     clipped = np.clip(linear, 0.0, 1.0)
@@ -35,9 +40,11 @@ def composite(
 
     fg + (1 - a) bg in linear light. Pixels without foreground keep the background's bytes.
     """
-    alpha = foreground[..., 3:]
-    blended = to_srgb(foreground[..., :3] + (1 - alpha) * _TO_LINEAR[background_rgb])
-    return np.where(alpha > 0, blended, background_rgb)
+    rgb = background_rgb.copy()
+    touched = foreground[..., 3] > 0
+    front, alpha = foreground[touched, :3], foreground[touched, 3:]
+    rgb[touched] = to_srgb(front + (1 - alpha) * to_linear(background_rgb[touched]))
+    return rgb
 
 
 def darken(rgb: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -8,9 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.rendering.compositing import to_linear
 from shaftpose.rendering.scene import Steel
 
 _NORMAL_MAP_PX = 512
+# Share of the scratches' slopes that is wide enough for a pixel to show; the rest is roughness.
+_SHOWN_SLOPES = 0.5
+_SLOPE = 0.27  # root mean square of the normal map's slopes
+_MIRRORED_PX = 24
 
 
 @dataclass
@@ -42,14 +47,26 @@ class SteelMaterial:
         return cls(material, shader, normal_map, mapping)
 
     def apply(self, steel: Steel) -> None:
-        """Take over the steel of one shaft; UV are mm, so the grain is in texture tiles."""
+        """Take over the steel of one shaft; UV are mm, so the grain is in texture tiles: marks
+        around the shaft are some tenths of a millimetre wide, a pixel or more on near shafts."""
         grey = (steel.grey, steel.grey, steel.grey * 0.98, 1.0)
         self._shader.inputs["Base Color"].default_value = grey
-        self._shader.inputs["Roughness"].default_value = steel.roughness
+        self._shader.inputs["Roughness"].default_value = roughness_with_scratches(steel)
         # Around the axis: without another tangent, Cycles takes that about the object's z.
         self._shader.inputs["Anisotropic"].default_value = steel.anisotropy
-        self._normal_map.inputs["Strength"].default_value = steel.scratches
-        self._mapping.inputs["Scale"].default_value = (0.1, steel.grain / 100, 1.0)
+        self._normal_map.inputs["Strength"].default_value = _SHOWN_SLOPES * steel.scratches
+        self._mapping.inputs["Scale"].default_value = (0.025, steel.grain / 400, 1.0)
+
+
+def roughness_with_scratches(steel: Steel) -> float:
+    """The roughness (Blender's, whose square is the GGX alpha) of steel with its finest scratches.
+
+    Scratches finer than a pixel are many mirrors in one: rendered as a normal map they cost many
+    samples and look like roughness. Their slopes' variance s^2 adds 2 s^2 to alpha^2 (Olano and
+    Baker, LEAN Mapping, 2010).
+    """
+    variance = (1 - _SHOWN_SLOPES**2) * (_SLOPE * steel.scratches) ** 2
+    return float(min(steel.roughness**4 + 2 * variance, 1.0) ** 0.25)
 
 
 def _normal_map_image() -> Any:
@@ -91,6 +108,21 @@ def _blur_tiled(image: NDArray[np.float32], sigma_u: float, sigma_v: float) -> N
     return np.asarray(blurred[pad:-pad, pad:-pad], dtype=np.float32)
 
 
+def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
+    """A background (H, W, 3) as a new Blender image, in linear light and coarse.
+
+    Rough steel a few pixels wide shows no detail of what it mirrors: a pixel of it sees a wide
+    angle of the background, so that detail would only be noise.
+    """
+    size = (_MIRRORED_PX, _MIRRORED_PX)
+    image = bpy.data.images.new("mirrored", *size, alpha=False, float_buffer=True)
+    pixels = np.ones((*size, 4), dtype=np.float32)
+    # Blender's images begin with their bottom row.
+    pixels[::-1, :, :3] = cv2.resize(to_linear(rgb), size, interpolation=cv2.INTER_AREA)
+    image.pixels.foreach_set(pixels.ravel())
+    return image
+
+
 @dataclass
 class GlowMaterial:
     """Shows an image by its own light, whatever else shines on it."""
@@ -108,6 +140,8 @@ class GlowMaterial:
         tree.nodes.clear()
         texture = tree.nodes.new("ShaderNodeTexImage")
         texture.extension = "EXTEND"
+        # Steel finds the background by its own reflection; to aim at it as at a lamp costs time.
+        material.cycles.emission_sampling = "NONE"
         emission = tree.nodes.new("ShaderNodeEmission")
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(texture.outputs["Color"], emission.inputs["Color"])
@@ -137,6 +171,9 @@ class TissueMaterial:
         tree = material.node_tree
         shader = tree.nodes["Principled BSDF"]
         shader.inputs["Roughness"].default_value = 0.35
+        # No lamp: without a tree of lights, Cycles' persistent data would keep lamps of lumps that
+        # are gone, and an image depend on those before it.
+        material.cycles.emission_sampling = "NONE"
         texture = tree.nodes.new("ShaderNodeTexImage")
         tint = tree.nodes.new("ShaderNodeHueSaturation")
         tree.links.new(texture.outputs["Color"], tint.inputs["Color"])

@@ -116,12 +116,15 @@ class _Progress:
     def __init__(self, bar: Any) -> None:
         self._bar, self._lock = bar, Lock()  # events come from a thread of Dask's client
         self._images: dict[str, int] = {}
+        self._said: set[str] = set()
 
     def on_event(self, event: tuple[float, dict[str, Any]]) -> None:
         """Take what a task reports."""
         _, report = event
-        if "trouble" in report:
-            logger.warning("%s", report["trouble"])
+        trouble = report.get("trouble", "")
+        if trouble and trouble not in self._said:  # many shards may have the same
+            logger.warning("%s", trouble)
+            self._said.add(trouble)
         self.show(report["shard"], report.get("images", 0))
 
     def show(self, shard: str, images: int) -> None:

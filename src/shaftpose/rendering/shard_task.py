@@ -19,7 +19,7 @@ from distributed import get_worker
 
 from shaftpose.errors import InputError
 from shaftpose.rendering.jobs import Shard, software
-from shaftpose.rendering.worker import COMPLAINT, IMAGE_DONE
+from shaftpose.rendering.worker import COMPLAINT, IMAGE_DONE, WARNING
 
 _POLL_S = 0.5  # how soon the end of a task that nobody wants any more is noticed
 _REPORT_S = 2.0  # a thousand workers that report shall not keep the scheduler busy
@@ -127,6 +127,8 @@ def _follow(
             images += 1
         elif line.startswith(COMPLAINT):
             complaint = line.removeprefix(COMPLAINT)
+        elif line.startswith(WARNING):
+            report({"trouble": line.removeprefix(WARNING)})
         if now - reported > _REPORT_S:
             report({"images": images})
             reported = now

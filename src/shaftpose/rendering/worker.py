@@ -2,10 +2,12 @@
 
 The numbers are those of its first image and of all; SHARD is its file, and the description of its
 set lies beside it. A process has one Blender scene, so a shard is a process. It reports each
-finished image by a line on its standard output; Blender's own chatter goes to the end of the
-shard's log. It ends when its standard input does: who started it leaves nobody behind, even killed.
+finished image and each warning by a line on its standard output; Blender's own chatter goes to the
+end of the shard's log. It ends when its standard input does: who started it leaves nobody behind,
+even killed.
 """
 
+import logging
 import os
 import sys
 import threading
@@ -18,6 +20,7 @@ from shaftpose.shards import ShardWriter
 
 IMAGE_DONE = "image"
 COMPLAINT = "error: "
+WARNING = "warning: "
 
 
 def main() -> None:
@@ -26,6 +29,7 @@ def main() -> None:
     shard = Shard(Path(path), int(first), int(count))
     threading.Thread(target=_end_with_input, daemon=True).start()
     progress = os.fdopen(os.dup(1), "w")
+    logging.basicConfig(stream=progress, level=logging.WARNING, format=f"{WARNING}%(message)s")
     try:
         with naming_full_disk(shard.path.parent):
             _send_output_to(shard.log)
