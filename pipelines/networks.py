@@ -18,7 +18,8 @@ def variant(config: Config) -> Variant:
     chosen = parse_variant(config["variant"], file)
     if chosen.name != file:
         raise InputError(
-            f"conf/variant/{file}.yaml: name = {chosen.name!r}: must be the file's name, for outputs bear it"
+            f"conf/variant/{file}.yaml: name = {chosen.name!r}: must be the file's name, for "
+            "outputs bear it"
         )
     return chosen
 
