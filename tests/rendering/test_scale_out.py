@@ -574,13 +574,20 @@ def test_a_failing_shard_ends_all_others(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_shard_that_fails_without_a_word_leaves_its_log(
+def test_a_background_that_vanishes_while_the_set_is_rendered_is_named(
     rendered: RenderedSet, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # No InputError: a background that vanishes while the set is rendered.
     monkeypatch.setattr(RenderedSet, "fingerprint", lambda self: "constant")
     gone = replace(rendered, backgrounds={tmp_path / "gone.jpg": "s"}, images=1)
-    with pytest.raises(InputError, match=r"shard-000000\.tar failed; see .*\.log") as caught:
+    with pytest.raises(InputError, match=r"gone\.jpg: cannot be read"):
         render(gone, tmp_path, client)
+
+
+def test_a_shard_that_fails_without_a_word_leaves_its_log(
+    rendered: RenderedSet, client: Client, tmp_path: Path
+) -> None:
+    # No InputError: numpy refuses the seed.
+    with pytest.raises(InputError, match=r"shard-000000\.tar failed; see .*\.log") as caught:
+        render(replace(rendered, seed=-1, images=1), tmp_path, client)
     log = Path(str(caught.value).rpartition("see ")[2])
-    assert "gone.jpg" in log.read_text()
+    assert "ValueError" in log.read_text()
