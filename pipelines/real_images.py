@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from render import CLEAR, by_path, images_per_shard
+from render import CLEAR, OCCLUDED, by_path, images_per_shard
 from settings import cluster_settings, render_settings, size
 from stage import Config, stage
 
@@ -124,7 +124,8 @@ def stand_in_backgrounds(config: Config) -> list[tuple[Path, str]]:
 def stand_in_settings(config: Config, hidden: float) -> RenderSettings:
     """The stand-in's look; `hidden` is the share of images with occluders, 0 for a clear set."""
     look: dict[str, dict[str, Any]] = config["real"]["stand_in"]
-    scene = {**look["scene"], **({"occluder_probability": hidden} if hidden else CLEAR)}
+    occlusion = OCCLUDED | {"occluder_probability": hidden} if hidden else CLEAR
+    scene = {**look["scene"], **occlusion}
     return render_settings(config, scene=scene, lens=look["lens"])
 
 

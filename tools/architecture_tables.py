@@ -96,9 +96,12 @@ def network_table() -> str:
 
 
 def widths() -> dict[str, float]:
-    """Profile -> width."""
+    """Profiles -> their width; those of one width together."""
     profiles = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
-    return {name: profiles[name]["width"] for name in PROFILES}
+    by_width: dict[float, list[str]] = {}
+    for name in PROFILES:
+        by_width.setdefault(profiles[name]["width"], []).append(name)
+    return {", ".join(names): width for width, names in by_width.items()}
 
 
 def networks() -> dict[str, dict[str, Any]]:
