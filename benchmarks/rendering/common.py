@@ -14,6 +14,7 @@ from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.config import BackgroundSettings, RenderSettings, parse
 from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.worker import start_generator
 
 if TYPE_CHECKING:
     from shaftpose.rendering.generator import Generator
@@ -66,9 +67,9 @@ def in_processes(
 @contextmanager
 def quiet_generator(rendered: RenderedSet) -> Iterator["Generator"]:
     """The generator of a set, for one process; Blender's chatter is left out."""
-    # Blender is imported only here: the process that starts others shall not hold it.
-    from shaftpose.rendering.generator import Generator
+    generator = start_generator(rendered)
+    # Blender is imported only in here: the process that starts others shall not hold it.
     from shaftpose.rendering.silhouette import blender_output_hidden
 
     with blender_output_hidden():
-        yield Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+        yield generator

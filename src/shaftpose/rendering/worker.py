@@ -11,12 +11,17 @@ import logging
 import os
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from shaftpose.errors import InputError
 from shaftpose.rendering.jobs import RenderedSet, Shard, naming_full_disk, read_set
 from shaftpose.shards import ShardWriter
+
+if TYPE_CHECKING:
+    from shaftpose.rendering.generator import Generator
 
 IMAGE_DONE = "image"
 COMPLAINT = "error: "
@@ -41,14 +46,37 @@ def main() -> None:
 
 def render_shard(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
     """Write all images of a shard; a line to `progress` after each."""
-    # Blender is imported only here: whoever starts workers need not load it.
-    from shaftpose.rendering.generator import Generator
-
-    generator = Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+    generator = start_generator(rendered)
     with ShardWriter(shard.path, rendered.settings.jpeg_quality) as writer:
         for index in range(shard.first, shard.first + shard.count):
             writer.write(generator.sample(index))
             print(IMAGE_DONE, file=progress, flush=True)
+
+
+def start_generator(rendered: RenderedSet) -> "Generator":
+    """The generator of a set, for a process that has one core.
+
+    Blender is imported only here: whoever starts workers need not load it. On being loaded it
+    starts threads for all cores that the process may use. They spin while they wait, and would
+    take half of their time from the workers beside this one.
+    """
+    with _on_one_core():
+        from shaftpose.rendering.generator import Generator
+    return Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+
+
+@contextmanager
+def _on_one_core() -> Iterator[None]:
+    """Let this process use one core only, where the system can be told so (Linux)."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def _end_with_input() -> None:
