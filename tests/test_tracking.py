@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shaftpose import tracking
+from shaftpose.errors import InputError
 
 
 @pytest.fixture()
@@ -98,6 +99,25 @@ def test_runs_of_a_sweep_are_nested(store: Path) -> None:
     assert len(parents) == 1
     assert len(children) == 2
     assert {c.data.tags["mlflow.parentRunId"] for c in children} == {parents[0].info.run_id}
+
+
+def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    tracking.start_sweep(folder, "sweep today")
+    with tracking.training_run("elsewhere", "d", {"seed": 1}, {}, store):
+        pass
+    for number, alpha in enumerate((0.5, 1.5)):
+        parameters = {"loss": {"alpha": alpha}}
+        with tracking.training_run(f"id-{number}", "d", parameters, {}, folder):
+            mlflow.log_metrics({"validation/mAP": alpha / 10}, step=3)
+    runs = tracking.sweep_runs(folder)
+    assert [parameters for parameters, _ in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
+    assert [metrics["validation/mAP"] for _, metrics in runs] == [0.05, 0.15]
+
+
+def test_a_folder_without_a_sweep_is_named(store: Path) -> None:
+    with pytest.raises(InputError, match=r"mlflow_parent\.txt: missing"):
+        tracking.sweep_runs(store)
 
 
 def test_a_champion_without_model_is_passed_over(

@@ -24,6 +24,8 @@ from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
 from mlflow.entities import Run  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
+from shaftpose.errors import InputError  # noqa: E402
+
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import MLFlowLogger
 
@@ -113,6 +115,22 @@ def start_sweep(folder: Path, name: str) -> None:
         mlflow.set_tag("shaftpose.sweep", str(folder))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / _PARENT_FILE).write_text(run.info.run_id)
+
+
+def sweep_runs(folder: Path) -> list[tuple[dict[str, str], dict[str, float]]]:
+    """Parameters and last metrics of each training of a sweep, in the order of their start.
+
+    Raises InputError if no sweep was tracked from `folder`.
+    """
+    parent = _read_parent(folder)
+    if parent is None:
+        raise InputError(f"{folder / _PARENT_FILE}: missing; name the folder of a Hydra sweep")
+    found: list[Run] = mlflow.search_runs(
+        filter_string=f"tags.`mlflow.parentRunId` = '{parent}'",
+        order_by=["attributes.start_time ASC"],
+        output_format="list",
+    )
+    return [(dict(run.data.params), dict(run.data.metrics)) for run in found]
 
 
 def _read_parent(folder: Path) -> str | None:
