@@ -29,7 +29,9 @@ def stage(function: Callable[[Config], None]) -> Callable[[], None]:
         except InputError as error:
             sys.exit(f"error: {last_line(error)}")
         except KeyboardInterrupt:
-            sys.exit("interrupted; run it again: a render keeps its finished shards")
+            sys.exit(
+                "interrupted; run it again: it goes on from finished shards, or the last checkpoint"
+            )
 
     main: Callable[[], None] = hydra.main(
         config_path="../conf", config_name="config", version_base="1.3"

@@ -293,7 +293,7 @@ def test_a_truncated_shard_is_named(tmp_path: Path, cut: int) -> None:
     with pytest.raises(InputError, match="truncated or damaged") as caught:
         ShardedDataset(tmp_path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert "run `dvc repro -f render`" in str(caught.value)
+    assert "run `dvc repro -s -f render`" in str(caught.value)
     assert not is_whole(path)
 
 

@@ -112,7 +112,7 @@ class PoseRanges:
 class CadSettings:
     """The file (STL, OBJ, GLB) of an instrument and how it lies in it.
 
-    axis: the file's axis along the instrument; None: that of its greatest extent. tip: whether the
+    axis: the file's axis along the instrument; None: the longest principal axis. tip: whether the
     tip is at the low or the high end of that axis; None: at the thinner end.
     """
 

@@ -304,7 +304,7 @@ class ShardedDataset:
             raise InputError(f"{self.folder}: {key}.{suffix} is missing; {_RENDER}") from error
 
 
-_RENDER = "run `dvc repro -f render` (a shard of your own: write it again)"
+_RENDER = "run `dvc repro -s -f render` (a shard of your own: write it again)"
 # A shard that is whole is not rendered again, whatever its members hold: it has to go first.
 _RENDER_ALL = f"delete data/scratch, then {_RENDER}"
 

@@ -177,7 +177,9 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
     client = mlflow.MlflowClient()
     outputs = client.get_run(run_id).outputs
     if outputs is None or not outputs.model_outputs:
-        logger.warning("%s: this MLflow database lacks its model; run `dvc repro -f export`", name)
+        logger.warning(
+            "%s: this MLflow database lacks its model; run `dvc repro -s -f export`", name
+        )
         return
     if _champion_run(client) == run_id:
         return

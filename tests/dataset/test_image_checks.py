@@ -44,7 +44,7 @@ def complaint(expected: ExpectedSet) -> str:
     message = str(caught.value)
     assert "(problem 1 of 1)" in message
     assert message.startswith(f"{expected.folder / 'shard-000000.tar'}: {KEY}: ")
-    assert "dvc repro -f render" in message
+    assert "dvc repro -s -f render" in message
     return message
 
 

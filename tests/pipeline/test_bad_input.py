@@ -139,7 +139,7 @@ def test_a_truncated_shard(stage: Run, folder: Path) -> None:
     shard = path.relative_to(folder)
     expected = f"error: {shard}: 000000000 to 000000019: truncated or damaged (problem 1 of 7)"
     assert line.startswith(expected)
-    assert "run `dvc repro -f render`" in line
+    assert "run `dvc repro -s -f render`" in line
     assert "data/render/occluded/shard-000001.tar: 000000001 to 000000001: missing" in result.stdout
     assert not (folder / "written").exists()
 

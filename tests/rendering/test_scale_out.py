@@ -466,7 +466,7 @@ def test_a_truncated_shard_in_out_is_mended_by_running_again(
     render(rendered, tmp_path, client)
     cut_short(out / path.name)
     assert path.read_bytes() == (out / path.name).read_bytes()  # one file, two names
-    with pytest.raises(InputError, match="dvc repro -f render"):
+    with pytest.raises(InputError, match="dvc repro -s -f render"):
         ShardedDataset(out)
     render(rendered, tmp_path, client)
     assert contents(out) == contents(undisturbed[1])

@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 MOST_NAMED = 20
 # A shard that is whole is not rendered again, whatever its members hold: it has to go first.
-_REMEDY = "delete data/scratch, then run `dvc repro -f render`"
+_REMEDY = "delete data/scratch, then run `dvc repro -s -f render`"
 _pose = attrgetter(*POSE_DIMENSIONS)
 
 
