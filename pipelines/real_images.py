@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock
 from render import CLEAR, OCCLUDED, by_path, images_per_shard
 from settings import cluster_settings, render_settings, size
 from stage import Config, stage
@@ -84,7 +85,9 @@ def render_stand_in(config: Config) -> dict[str, list[tuple[str, RealSample]]]:
     """The samples of each set of the stand-in and the names of their image files."""
     cluster = cluster_settings(config)
     samples = {}
-    with connect(cluster) as client:
+    SCRATCH.mkdir(parents=True, exist_ok=True)
+    # A second run would repaint the backgrounds that the first one reads.
+    with FileLock(SCRATCH / "stand-in.lock"), connect(cluster) as client:
         for name, rendered in stand_in_sets(config).items():
             folder = SCRATCH / "stand-in" / name
             shutil.rmtree(folder, ignore_errors=True)
@@ -125,8 +128,11 @@ def stand_in_settings(config: Config, hidden: float) -> RenderSettings:
     """The stand-in's look; `hidden` is the share of images with occluders, 0 for a clear set."""
     look: dict[str, dict[str, Any]] = config["real"]["stand_in"]
     occlusion = OCCLUDED | {"occluder_probability": hidden} if hidden else CLEAR
-    scene = {**look["scene"], **occlusion}
-    return render_settings(config, scene=scene, lens=look["lens"])
+    # COCO files do not state a camera: all of these images have the one that silhouettes take.
+    ranges = config["lens"]["distortion"]
+    middle = {name: [sum(ends) / 2] * 2 for name, ends in ranges.items()}
+    scene, lens = {**look["scene"], **occlusion}, {**look["lens"], "distortion": middle}
+    return render_settings(config, scene=scene, lens=lens)
 
 
 def read_samples(folder: Path) -> list[tuple[str, RealSample]]:

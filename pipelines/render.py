@@ -17,11 +17,15 @@ from shaftpose.shards import write_models
 
 logger = logging.getLogger(__name__)
 
-# What sets with unhidden shafts replace of the user's scene.
+# What sets without occluders replace of the user's scene.
 CLEAR = {"occluder_probability": 0.0, "crossing_probability": 0.0}
 # What sets with hidden shafts replace: of each shaft a fifth is hidden at least, so that the image
-# is not a clear one by chance, and a fifth is seen.
-OCCLUDED = {"occluder_probability": 1.0, "occluder_coverage": [0.2, 0.8]}
+# is not a clear one by chance, and a fifth is seen. A crossing shaft would stand before its lump.
+OCCLUDED = {
+    "occluder_probability": 1.0,
+    "occluder_coverage": [0.2, 0.8],
+    "crossing_probability": 0.0,
+}
 # Seeds of the sets, relative to that of the project: no image is in two of them.
 SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 

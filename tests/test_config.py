@@ -163,6 +163,18 @@ def test_a_scheduler_and_slurm_exclude_each_other() -> None:
     assert message == "params.yaml: part: address and slurm are both set; make one of them null"
 
 
+@pytest.mark.parametrize(
+    ("changed", "least"),
+    [({"tip": "forceps", "length_mm": 12}, "12"), ({"tip": "rounded", "length_mm": 0.5}, "0.5")],
+)
+def test_a_shaft_shorter_than_its_tip_is_named(changed: dict[str, Any], least: str) -> None:
+    message = complaint(ShaftSettings, {**PARAMS["shaft"], **changed})
+    length = f"{changed['length_mm']:g}"
+    assert message.startswith(
+        f"params.yaml: part: length_mm = {length} must be more than {least}, the length of the tip"
+    )
+
+
 def test_a_missing_key_is_named() -> None:
     values = {key: value for key, value in PARAMS["loss"].items() if key != "gamma"}
     message = complaint(LossSettings, values)

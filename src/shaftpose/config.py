@@ -143,6 +143,12 @@ class ShaftSettings:
                 f"bevel_mm = {self.bevel_mm:g} must be less than half of "
                 f"diameter_mm = {self.diameter_mm:g}"
             )
+        least_mm = 4 * self.diameter_mm if self.tip == "forceps" else self.bevel_mm
+        if self.cad is None and not self.length_mm > least_mm:
+            raise ValueError(
+                f"length_mm = {self.length_mm:g} must be more than {least_mm:g}, the length of the "
+                f"tip {self.tip!r}"
+            )
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -45,6 +45,13 @@ def test_the_users_occluder_probability_is_not_that_of_the_stand_in() -> None:
     assert found == {"train": 0.3, "clear": 0.0, "occluded": 1.0}
 
 
+def test_all_stand_in_images_have_the_camera_that_silhouettes_take() -> None:
+    config = composed("lens.distortion.k1=[-0.3,0.1]", "lens.distortion.k2=[0,0.2]")
+    bent = stand_in_settings(config, 0.0).lens.distortion
+    assert bent.k1 == pytest.approx((-0.1, -0.1))
+    assert bent.k2 == pytest.approx((0.1, 0.1))
+
+
 def test_sets_share_no_image_and_test_sets_no_background_with_training() -> None:
     sets = rendered_sets(composed("profile=smoke"), LIBRARY)
     assert len({rendered.seed for rendered in sets.values()}) == len(sets)

@@ -57,6 +57,19 @@ def test_tries_count_those_of_earlier_candidates(
     assert all(b - a >= n for a, b, n in zip(tries, tries[1:], scenes_shafts, strict=False))
 
 
+def test_candidates_keep_the_numbers_of_the_first(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    settings = with_scene(occluder_probability=0.5, crossing_probability=0.5, instruments=(1, 2))
+    sampler = SceneSampler(settings, tuple(backgrounds), 5)
+    numbers = [
+        {(len(s.shafts), len(s.occluders), s.crossing) for s in islice(sampler.candidates(k), 4)}
+        for k in range(12)
+    ]
+    assert all(len(found) == 1 for found in numbers)  # else those often refused would be rare
+    assert len(set.union(*numbers)) > 4
+
+
 def test_every_background_is_used(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:

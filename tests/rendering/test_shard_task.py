@@ -66,6 +66,12 @@ def test_a_hang_after_the_shard_is_finished_does_not_matter(
     assert watch(write_empty(shard) + CLOSE_AND_STAY) == ""
 
 
+def test_a_hang_with_open_output_does_not_matter_once_the_shard_is_finished(
+    watch: Watch, shard: Shard
+) -> None:
+    assert watch(write_empty(shard) + "time.sleep(600)", hang_s=0.2) == ""
+
+
 def test_a_complaint_is_handed_on(watch: Watch) -> None:
     assert watch("print('error: a.jpg: not a picture'); sys.exit(1)") == "a.jpg: not a picture"
 

@@ -38,7 +38,7 @@ _RING_LAMPS = 8
 _LAMP_SIZE_MM = 1.5
 # The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
 _MARGIN_PX = 3
-_OCCLUDER_INDEX = 100
+_OCCLUDER_INDEX = 30_000  # beyond any number of shafts; Blender takes up to 32,767
 # Metal mirrors the cube after one bounce, and after two what the other shaft mirrors.
 _BOUNCES = 2
 
@@ -60,7 +60,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Foreground:
-    """What Blender renders: the region that the shafts touch.
+    """What Blender renders: the region that shafts and occluders touch, or all of a bent picture.
 
     linear: (h, w, 4) float32, scene-linear RGB premultiplied by alpha; index: (h, w) int, n + 1
     where shaft n is in front at the pixel's centre, 0 elsewhere.

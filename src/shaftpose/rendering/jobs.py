@@ -72,9 +72,9 @@ class RenderedSet:
 @cache
 def software() -> str:
     """Hexadecimal digest of what determines the images besides their set: the code, and the
-    versions of Blender, OpenCV and numpy."""
+    versions of Blender and of the libraries that shapes and pixels come from."""
     digest = hashlib.sha256()
-    for package in ("bpy", "opencv-python-headless", "numpy"):
+    for package in ("bpy", "opencv-python-headless", "numpy", "trimesh"):
         digest.update(f"{package} {version(package)}".encode())
     root = Path(shaftpose.__file__).parent
     for pattern in _SOURCES:

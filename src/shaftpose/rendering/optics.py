@@ -68,12 +68,12 @@ def seen_by(
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """What `camera` sees of a pinhole's whole picture.
 
-    linear: (H, W, 4) colours, interpolated; index: (H, W) object numbers up to 255, of the nearest
-    pixel. Both are 0 where the camera shows nothing.
+    linear: (H, W, 4) colours, interpolated; index: (H, W) object numbers up to 32,767, of the
+    nearest pixel. Both are 0 where the camera shows nothing.
     """
     # OpenCV numbers pixels by their centres, from 0. -9 lies outside, as what is not shown shall.
     source = np.nan_to_num(pinhole.project(camera.rays()) - 0.5, nan=-9.0).astype(np.float32)
     u, v = source[..., 0], source[..., 1]
     colours = cv2.remap(linear, u, v, cv2.INTER_LINEAR)
-    objects = cv2.remap(index.astype(np.uint8), u, v, cv2.INTER_NEAREST)
+    objects = cv2.remap(index.astype(np.int16), u, v, cv2.INTER_NEAREST)
     return np.asarray(colours, dtype=np.float32), objects.astype(np.int64)

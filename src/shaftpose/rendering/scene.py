@@ -18,7 +18,6 @@ from shaftpose.config import (
     Range,
     RenderSettings,
     SceneSettings,
-    ShaftSettings,
 )
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose
@@ -99,6 +98,7 @@ class Scene:
     tries: int
     films: tuple[Film, ...] = ()  # one a shaft, or none at all
     contact_shadow: float = 0.0
+    crossing: int = 0  # how many of the shafts, the last ones, pass before another by choice
 
     def facts(self) -> dict[str, Any]:
         """All but poses, background and camera as plain values, for shaft.json; options that are
@@ -114,6 +114,7 @@ class Scene:
             "rolls_deg": self.rolls_deg if any(self.rolls_deg) else (),
             "films": [_stated(film) for film in self.films],
             "contact_shadow": self.contact_shadow,
+            "crossing": self.crossing,
         }
         return facts | {name: value for name, value in options.items() if value}
 
@@ -155,12 +156,19 @@ class SceneSampler:
 
     def candidates(self, index: int) -> Iterator[Scene]:
         """Successive draws for image `index`, for whoever must refuse some of them; `tries` of
-        each counts those of the earlier ones, too."""
-        draws, tries = _Draws.of_image(self.seed, index), 0
+        each counts those of the earlier ones, too.
+
+        All have the numbers of shafts and occluders of the first: scenes that are refused more
+        often than others would else become rare.
+        """
+        draws = _Draws.of_image(self.seed, index)
+        first = scene = self._draw(draws)
+        tries = first.tries
         while True:
+            if _counts(scene) == _counts(first):
+                yield replace(scene, tries=tries)
             scene = self._draw(draws)
             tries += scene.tries
-            yield replace(scene, tries=tries)
 
     def _draw(self, draws: _Draws) -> Scene:
         settings, rng = self.settings, draws.paper
@@ -182,12 +190,13 @@ class SceneSampler:
                 for steel in steels
             ),
             light=sample_light(rng, settings.scene),
-            occluders=sample_occluders(rng, sampled.poses, settings.scene, rod),
+            occluders=sample_occluders(rng, sampled.poses, settings),
             lens=sample_lens(rng, draws.lens, settings.lens),
             sensor_seed=int(rng.integers(2**31)),
             tries=sampled.tries,
             films=sample_films(draws.films, len(steels), settings.scene),
             contact_shadow=_uniform(draws.shadow, settings.scene.contact_shadow),
+            crossing=len(crossing),
         )
 
     @property
@@ -216,6 +225,10 @@ class SceneSampler:
             "params.yaml: scene.crossing_probability: within `poses` no shaft was found that "
             f"passes before one of {_MOST_REDRAWS} others; widen the ranges, or set it to 0"
         )
+
+
+def _counts(scene: Scene) -> tuple[int, int, int]:
+    return len(scene.shafts), len(scene.occluders), scene.crossing
 
 
 def sample_camera(rng: np.random.Generator, settings: RenderSettings) -> Camera:
@@ -275,23 +288,24 @@ def sample_lens(rng: np.random.Generator, further: np.random.Generator, lens: Le
 def sample_occluders(
     rng: np.random.Generator,
     poses: Sequence[ShaftPose],
-    scene: SceneSettings,
-    shaft: ShaftSettings,
+    settings: RenderSettings,
 ) -> tuple[Occluder, ...]:
     """With the settings' probability one lump of tissue before each shaft, else none."""
-    if rng.random() >= scene.occluder_probability:
+    if rng.random() >= settings.scene.occluder_probability:
         return ()
-    return tuple(_occluder_before(rng, pose, shaft) for pose in poses)
+    # Of a bulky mesh the rod around it is far thicker than what is to be hidden.
+    thickness_mm = min(settings.shaft.diameter_mm, instrument_shape(settings.shaft).diameter_mm)
+    return tuple(_occluder_before(rng, pose, thickness_mm) for pose in poses)
 
 
-def _occluder_before(rng: np.random.Generator, pose: ShaftPose, shaft: ShaftSettings) -> Occluder:
+def _occluder_before(rng: np.random.Generator, pose: ShaftPose, thickness_mm: float) -> Occluder:
     """A lump on the line of sight to a point within 15 mm of the tip."""
     hidden = pose.tip_mm + float(rng.uniform(-1, 15)) * pose.direction
     hidden[2] = max(hidden[2], 4.0)
     # 55..75 % of the way to the shaft: before it, but for a few large lumps that reach it.
     share = float(rng.uniform(0.55, 0.75))
     centre = share * hidden
-    room = np.linalg.norm(hidden - centre) - shaft.diameter_mm / 2
+    room = np.linalg.norm(hidden - centre) - thickness_mm / 2
     radius = float(np.clip(0.45 * room, 0.8, 4.0))
     radii = radius * rng.uniform([0.8, 0.8, 0.6], [2.0, 1.2, 1.0])
     return Occluder(

@@ -47,8 +47,8 @@ def render_shard(shard: Shard, run: Run) -> str:
     """
     if run.software != software():
         return (
-            f"{socket.gethostname()}: shaftpose, Blender, OpenCV or numpy differ from those where "
-            "the run was started; install the same versions"
+            f"{socket.gethostname()}: shaftpose, Blender, OpenCV, numpy or trimesh differ from "
+            "those where the run was started; install the same versions"
         )
     # Dask repeats a task whose result was lost with a worker: its shard may be there.
     if shard.is_finished():
@@ -95,10 +95,12 @@ def run_blender(
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_EXIT_S)
         except TimeoutError as error:
-            raise InputError(
-                f"{shard.path.name}: Blender finished no image for {hang_s:g} s and was killed; "
-                f"see {shard.log}; cluster.hang_s in params.yaml must exceed the slowest image"
-            ) from error
+            if not shard.is_finished():
+                raise InputError(
+                    f"{shard.path.name}: Blender finished no image for {hang_s:g} s and was killed;"
+                    f" see {shard.log}; cluster.hang_s in params.yaml must exceed the slowest image"
+                ) from error
+            complaint = ""
         finally:
             process.kill()
     return "" if shard.is_finished() else _failure(process.returncode, shard, complaint)

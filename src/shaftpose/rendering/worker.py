@@ -39,6 +39,7 @@ def main() -> None:
         with naming_full_disk(shard.path.parent):
             _send_output_to(shard.log)
             render_shard(read_set(shard.path.parent), shard, progress)
+        progress.close()  # whoever listens knows that it is over, even if Blender hangs at its exit
     except InputError as error:
         print(f"{COMPLAINT}{error}", file=progress, flush=True)
         sys.exit(1)
