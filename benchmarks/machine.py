@@ -3,20 +3,18 @@
 import os
 import platform
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 import psutil
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Processor, cores, memory, versions and the day, for a file of results."""
+    """Processor, cores, memory, Python and the day, for a file of results."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
         "memory_gib": round(psutil.virtual_memory().total / 2**30, 1),
         "python": platform.python_version(),
-        "bpy": version("bpy"),
         "date": datetime.now(UTC).date().isoformat(),
     }
 

@@ -5,7 +5,6 @@ suppression included, and writes them to `benchmarks/results/prediction.json`.
 """
 
 import json
-import os
 import statistics
 import sys
 import time
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from benchmarks.machine import processor
+from benchmarks.machine import machine
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.shards import ShardedDataset
 
@@ -50,7 +49,7 @@ def main() -> None:
 def write(speeds: dict[tuple[str, int], float]) -> None:
     """The speeds with what they were measured on."""
     result = {
-        "machine": {"processor": processor(), "cores": os.cpu_count()},
+        "machine": machine(),
         "onnxruntime": onnxruntime.__version__,
         "rounds": ROUNDS,
         "images_per_s": [

@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from typing import Any
 
 from benchmarks.machine import machine
@@ -111,7 +112,7 @@ def _result(rendered: RenderedSet, counts: Counts, found: dict[str, Any]) -> dic
         **{key: round(values[key], 4) for key in AIMS},
         "bytes_per_image": round(values["bytes_per_image"]),
         "workers": throughput.WORKERS,
-        "machine": machine(),
+        "machine": {**machine(), "bpy": version("bpy")},
         "settings": {
             "profile": PROFILE,
             "seed": rendered.seed,

@@ -32,7 +32,7 @@ from settings import size  # noqa: E402
 from stage import Config  # noqa: E402
 from train import build_module, build_trainer, training_data  # noqa: E402
 
-from benchmarks.machine import processor  # noqa: E402
+from benchmarks.machine import machine  # noqa: E402
 from shaftpose.batches import Batch, Targets  # noqa: E402
 from shaftpose.config import Size  # noqa: E402
 from shaftpose.dataset.skipped import SkippedImages  # noqa: E402
@@ -82,8 +82,9 @@ def main() -> None:
         widths = dict(timed_profile(p, device, arguments.steps, arguments.rounds) for p in PROFILES)
     except InputError as error:
         sys.exit(f"error: {error}")
-    name = torch.cuda.get_device_name() if device == "cuda" else processor()
-    about = {"device": name, "cores": os.cpu_count(), "threads": torch.get_num_threads()}
+    about = {**machine(), "threads": torch.get_num_threads()}
+    if device == "cuda":
+        about["device"] = torch.cuda.get_device_name()
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
     OUT.parent.mkdir(parents=True, exist_ok=True)
