@@ -8,11 +8,17 @@ import yaml
 
 from shaftpose.config import (
     BackgroundSettings,
+    CameraSettings,
     ClusterSettings,
     DetectionSettings,
+    LensSettings,
     LossSettings,
+    PoseRanges,
+    RealSettings,
     RenderSettings,
     RunSettings,
+    SceneSettings,
+    ShaftSettings,
     Size,
     SplitSettings,
     TrainingSettings,
@@ -21,6 +27,13 @@ from shaftpose.config import (
 )
 from shaftpose.errors import InputError
 
+_RENDERED: dict[str, type[Any]] = {
+    "camera": CameraSettings,
+    "poses": PoseRanges,
+    "shaft": ShaftSettings,
+    "scene": SceneSettings,
+    "lens": LensSettings,
+}
 _BUILT = ("head", "pose_coder")  # what of a variant's file names classes
 
 Config = dict[str, Any]
@@ -34,8 +47,9 @@ def check(config: Config) -> None:
     size(config)
     cluster_settings(config)
     render_settings(config)
-    stand_in = config["real"]["stand_in"]
-    render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
+    stand_in = parse(RealSettings, config["real"], "params.yaml: real").stand_in
+    where = "params.yaml: real.stand_in."
+    render_settings(config, where, scene=stand_in.scene, lens=stand_in.lens)
     for name in config["variants"]:
         check_variant(name)
     parts = {
@@ -88,16 +102,16 @@ def cluster_settings(config: Config) -> ClusterSettings:
     return parse(ClusterSettings, config["cluster"], "params.yaml: cluster")
 
 
-def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSettings:
-    """How images are rendered; `scene=` or `lens=` replace single settings of these parts."""
+def render_settings(
+    config: Config, where: str = "params.yaml: ", **changed: Mapping[str, Any]
+) -> RenderSettings:
+    """How images are rendered; `scene=` or `lens=` replace single settings of these parts.
+
+    where: what comes before a part's name in messages.
+    """
     parts = {
-        name: {**config[name], **changed.get(name, {})}
-        for name in ("camera", "poses", "shaft", "scene", "lens")
+        name: parse(kind, {**config[name], **changed.get(name, {})}, f"{where}{name}")
+        for name, kind in _RENDERED.items()
     }
-    values = {
-        **parts,
-        "samples": config["size"]["samples"],
-        "jpeg_quality": config["render"]["jpeg_quality"],
-        "device": config["render"]["device"],
-    }
-    return parse(RenderSettings, values, "params.yaml")
+    values = {**parts, "samples": config["size"]["samples"], **config["render"]}
+    return parse(RenderSettings, values, "params.yaml: render")

@@ -102,6 +102,20 @@ def test_a_truncated_file_is_no_image(suffix: str) -> None:
     assert decode_rgb(data[: len(data) // 2]) is None
 
 
+def test_a_jpeg_file_whose_last_rows_are_missing_is_no_image() -> None:
+    """OpenCV would decode it, the missing rows grey."""
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    data = encode_jpeg(noise, 95)
+    # A preview in the head of a file has an end of its own.
+    preview = encode_jpeg(noise[:16, :16], 80)
+    head = b"\xff\xe1" + (len(preview) + 2).to_bytes(2, "big") + preview
+    with_preview = data[:2] + head + data[2:]
+    for whole in (data, with_preview, data + b"what a camera writes behind it"):
+        assert decode_rgb(whole) is not None
+    for cut in (data[:-500], data[:-1], with_preview[:-500]):
+        assert decode_rgb(cut) is None
+
+
 def test_a_header_that_states_a_giant_is_no_image() -> None:
     # The width of a PNG file is in bytes 16 to 19, the checksum of its header in bytes 29 to 32.
     data = bytearray(cv2.imencode(".png", smooth_image(40, 60))[1].tobytes())
