@@ -2,23 +2,18 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import yaml
 
 from shaftpose.config import (
     BackgroundSettings,
-    CameraSettings,
     ClusterSettings,
     DetectionSettings,
-    LensSettings,
     LossSettings,
-    PoseRanges,
     RealSettings,
     RenderSettings,
     RunSettings,
-    SceneSettings,
-    ShaftSettings,
     Size,
     SplitSettings,
     TrainingSettings,
@@ -27,13 +22,6 @@ from shaftpose.config import (
 )
 from shaftpose.errors import InputError
 
-_RENDERED: dict[str, type[Any]] = {
-    "camera": CameraSettings,
-    "poses": PoseRanges,
-    "shaft": ShaftSettings,
-    "scene": SceneSettings,
-    "lens": LensSettings,
-}
 _BUILT = ("head", "pose_coder")  # what of a variant's file names classes
 
 Config = dict[str, Any]
@@ -109,9 +97,15 @@ def render_settings(
 
     where: what comes before a part's name in messages.
     """
+    kinds = get_type_hints(RenderSettings)
     parts = {
-        name: parse(kind, {**config[name], **changed.get(name, {})}, f"{where}{name}")
-        for name, kind in _RENDERED.items()
+        name: parse(kinds[name], {**config[name], **changed.get(name, {})}, f"{where}{name}")
+        for name in ("camera", "poses", "shaft", "scene", "lens")
     }
-    values = {**parts, "samples": config["size"]["samples"], **config["render"]}
+    values = {
+        **parts,
+        "samples": config["size"]["samples"],
+        "jpeg_quality": config["render"]["jpeg_quality"],
+        "device": config["render"]["device"],
+    }
     return parse(RenderSettings, values, "params.yaml: render")

@@ -38,8 +38,8 @@ class SourceImages:
 
     Iterating yields (id, RGB image). The id is the file's name, or that of the subfolder which it
     lies in: frames of one operation are alike, and images of one id stay together in a split. Files
-    that cannot be read or decoded are passed over and collected in `skipped`, which is complete when
-    the iteration is.
+    that cannot be read or decoded are passed over and collected in `skipped`, which is complete
+    when the iteration is.
     """
 
     folder: Path
