@@ -10,13 +10,9 @@ from shaftpose.errors import InputError
 
 Image = NDArray[np.uint8]
 
-_JPEG, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
-
 
 def decode_rgb(data: bytes) -> Image | None:
     """An encoded image, or None if it cannot be decoded or was cut short."""
-    if _is_cut_short(data):
-        return None
     raw = np.frombuffer(data, dtype=np.uint8)
     try:
         bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
@@ -25,18 +21,9 @@ def decode_rgb(data: bytes) -> Image | None:
     return None if bgr is None else np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def _is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG file has no end, which OpenCV would fill up with grey.
-
-    The marker of the end cannot lie among coded pixels; that of a preview in the file's head comes
-    before them, and cameras may write what they like behind it.
-    """
-    return data.startswith(_JPEG) and _JPEG_END not in data[max(data.rfind(_JPEG_SCAN), 0) :]
-
-
 def read_rgb(path: Path) -> Image:
     """The image in a file. Raises InputError naming the file if it is missing, may not be read or
-    is no whole image."""
+    is no image."""
     try:
         data = path.read_bytes()
     except OSError as error:

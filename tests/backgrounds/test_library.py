@@ -78,17 +78,6 @@ def test_a_file_that_may_not_be_read_is_skipped_and_named(
     assert f"skipped {secret}: cannot be read (Permission denied)" in caplog.text
 
 
-def test_a_photo_that_was_cut_short_is_skipped(tmp_path: Path) -> None:
-    """OpenCV would decode it, the lower part grey."""
-    save(tmp_path / "good.png")
-    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
-    cut = save(tmp_path / "cut.jpg", noise)
-    cut.write_bytes(cut.read_bytes()[:-500])
-    images = read_source_images(tmp_path)
-    assert [source for source, _ in images] == ["good.png"]
-    assert images.skipped == (cut,)
-
-
 def test_a_folder_without_one_good_image_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError, match="decoded") as error:

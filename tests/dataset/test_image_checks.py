@@ -180,7 +180,6 @@ def test_a_damaged_member(
 
 
 def test_an_image_that_was_cut_short(pair: ExpectedSet, tmp_path: Path) -> None:
-    """OpenCV would decode it, the lower half grey."""
     shutil.copytree(pair.folder, tmp_path, dirs_exist_ok=True)
     name = f"{KEY}.rgb.jpg"
     rewrite(
