@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import yaml
 
@@ -11,6 +11,7 @@ from shaftpose.config import (
     ClusterSettings,
     DetectionSettings,
     LossSettings,
+    RealSettings,
     RenderSettings,
     RunSettings,
     Size,
@@ -34,8 +35,9 @@ def check(config: Config) -> None:
     size(config)
     cluster_settings(config)
     render_settings(config)
-    stand_in = config["real"]["stand_in"]
-    render_settings(config, scene=stand_in["scene"], lens=stand_in["lens"])
+    stand_in = parse(RealSettings, config["real"], "params.yaml: real").stand_in
+    where = "params.yaml: real.stand_in."
+    render_settings(config, where, scene=stand_in.scene, lens=stand_in.lens)
     for name in config["variants"]:
         check_variant(name)
     parts = {
@@ -88,10 +90,16 @@ def cluster_settings(config: Config) -> ClusterSettings:
     return parse(ClusterSettings, config["cluster"], "params.yaml: cluster")
 
 
-def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSettings:
-    """How images are rendered; `scene=` or `lens=` replace single settings of these parts."""
+def render_settings(
+    config: Config, where: str = "params.yaml: ", **changed: Mapping[str, Any]
+) -> RenderSettings:
+    """How images are rendered; `scene=` or `lens=` replace single settings of these parts.
+
+    where: what comes before a part's name in messages.
+    """
+    kinds = get_type_hints(RenderSettings)
     parts = {
-        name: {**config[name], **changed.get(name, {})}
+        name: parse(kinds[name], {**config[name], **changed.get(name, {})}, f"{where}{name}")
         for name in ("camera", "poses", "shaft", "scene", "lens")
     }
     values = {
@@ -100,4 +108,4 @@ def render_settings(config: Config, **changed: Mapping[str, Any]) -> RenderSetti
         "jpeg_quality": config["render"]["jpeg_quality"],
         "device": config["render"]["device"],
     }
-    return parse(RenderSettings, values, "params.yaml")
+    return parse(RenderSettings, values, "params.yaml: render")

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
+import yaml
 from filelock import AcquireReturnProxy, FileLock, Timeout
 from stage import Config
 
-import shaftpose
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import read_keys
 from shaftpose.errors import InputError
@@ -21,17 +21,10 @@ from shaftpose.shards import shard_paths
 SCRATCH = Path("data/scratch")
 LAST_CHECKPOINT = "last.ckpt"
 
-# What determines a training: parts of the configuration but for what may change in between, the
-# code, relative to these folders, and packages. The data come to it.
+# What determines a training: parts of the configuration but for what may change in between, and
+# packages. The code and the data come to it.
 _PARTS = ("seed", "camera", "poses", "loss", "size", "backbone", "trainer", "variant", "training")
 _FREE = {"loader_workers", "checkpoint_minutes"}  # of `training`
-_SOURCES = {
-    Path(shaftpose.__file__).parent: (
-        "dataset/*.py", "evaluation/*.py", "network/*.py", "batches.py", "geometry.py", "images.py",
-        "instruments.py", "shards.py",
-    ),
-    Path(__file__).parent: ("networks.py", "train.py", "unfinished.py", "validation.py"),
-}  # fmt: skip
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
 # The data loaders of a training that was killed hold its lock until they notice, within seconds.
@@ -91,13 +84,12 @@ def fingerprint(config: Config, with_real: bool) -> str:
 
 
 def code_files() -> list[Path]:
-    """The code that determines a training."""
-    return [
-        path
-        for folder, patterns in _SOURCES.items()
-        for pattern in patterns
-        for path in sorted(folder.glob(pattern))
-    ]
+    """The code that determines a training: what dvc.yaml lists for its stage."""
+    root = Path(__file__).parents[1]
+    stages = yaml.safe_load((root / "dvc.yaml").read_text())["stages"]
+    listed = [root / name for name in stages["train"]["deps"] if not name.startswith("data/")]
+    found = [sorted(path.rglob("*.py")) if path.is_dir() else [path] for path in listed]
+    return [path for paths in found for path in paths]
 
 
 def _data_files(with_real: bool) -> list[Path]:

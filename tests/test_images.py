@@ -102,6 +102,15 @@ def test_a_truncated_file_is_no_image(suffix: str) -> None:
     assert decode_rgb(data[: len(data) // 2]) is None
 
 
+@pytest.mark.parametrize("missing", [1, 2, 500])
+def test_a_jpeg_file_whose_last_bytes_are_missing_is_no_image(missing: int) -> None:
+    """OpenCV's `imread` would fill it up with grey."""
+    noise = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    data = encode_jpeg(noise, 95)
+    assert decode_rgb(data) is not None
+    assert decode_rgb(data[:-missing]) is None
+
+
 def test_a_header_that_states_a_giant_is_no_image() -> None:
     # The width of a PNG file is in bytes 16 to 19, the checksum of its header in bytes 29 to 32.
     data = bytearray(cv2.imencode(".png", smooth_image(40, 60))[1].tobytes())

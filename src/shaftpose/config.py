@@ -301,6 +301,22 @@ class SplitSettings:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class StandInSettings:
+    """What of the scene and of the lens the stand-in for real images replaces."""
+
+    scene: dict[str, Any]
+    lens: dict[str, Any]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RealSettings:
+    """Where images without poses come from; None: from the stand-in."""
+
+    source: str | None
+    stand_in: StandInSettings
+
+
+@dataclass(frozen=True, config=_STRICT)
 class Augmentation:
     """Ranges of random colour changes; see `shaftpose.dataset.transforms`."""
 

@@ -12,7 +12,7 @@ Image = NDArray[np.uint8]
 
 
 def decode_rgb(data: bytes) -> Image | None:
-    """An encoded image, or None if it cannot be decoded."""
+    """An encoded image, or None if it cannot be decoded or was cut short."""
     raw = np.frombuffer(data, dtype=np.uint8)
     try:
         bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None

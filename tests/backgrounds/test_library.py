@@ -58,6 +58,26 @@ def test_a_corrupt_file_is_skipped_and_named(
     assert len(list(images)) == 1 and len(images.skipped) == 2
 
 
+def test_a_file_that_may_not_be_read_is_skipped_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "good.png")
+    secret, read_bytes = save(tmp_path / "secret.png"), Path.read_bytes
+
+    def refuse(path: Path) -> bytes:
+        if path == secret:
+            raise PermissionError(13, "Permission denied", str(path))
+        return read_bytes(path)
+
+    # The administrator may read any file: a file's mode would not do.
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    images = read_source_images(tmp_path)
+    with caplog.at_level(logging.WARNING):
+        assert [source for source, _ in images] == ["good.png"]
+    assert images.skipped == (secret,)
+    assert f"skipped {secret}: cannot be read (Permission denied)" in caplog.text
+
+
 def test_a_folder_without_one_good_image_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError, match="decoded") as error:

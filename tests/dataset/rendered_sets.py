@@ -41,10 +41,12 @@ def silhouettes(poses: Sequence[ShaftPose], camera: Camera = CAMERA) -> list[NDA
     return [(np.argmin(depths, axis=0) == n) & np.isfinite(d) for n, d in enumerate(depths)]
 
 
-def instrument(pose: ShaftPose, mask: NDArray[np.bool_]) -> Instrument:
-    """A shaft of which nothing is hidden."""
-    box, pixels = mask_box(mask), int(mask.sum())
-    return Instrument(pose, mask, box, box, 1.0, pixels, pixels)
+def instrument(pose: ShaftPose, mask: NDArray[np.bool_], camera: Camera = CAMERA) -> Instrument:
+    """A shaft of which the mask is visible."""
+    whole = np.isfinite(cylinder_depth(camera, pose, 3.0, 150.0)) | mask
+    visible, pixels = int(mask.sum()), int(whole.sum())
+    boxes = mask_box(mask), mask_box(whole)
+    return Instrument(pose, mask, *boxes, visible / pixels, visible, pixels)
 
 
 def sample(
@@ -52,18 +54,19 @@ def sample(
     poses: Sequence[ShaftPose],
     masks: Sequence[NDArray[np.bool_]] | None = None,
     look: int | None = None,
+    camera: Camera = CAMERA,
     **facts: Any,
 ) -> Sample:
     """Image `index`; masks are the shafts' silhouettes unless given; look: seed of its pixels."""
     cells = np.random.default_rng(index if look is None else look).integers(
         0, 256, (13, 13, 3), dtype=np.uint8
     )
-    shown = masks if masks is not None else silhouettes(poses) if poses else []
+    shown = masks if masks is not None else silhouettes(poses, camera) if poses else []
     return Sample(
         key=sample_key(index),
         rgb=cells.repeat(23, axis=0).repeat(23, axis=1),
-        instruments=tuple(instrument(p, m) for p, m in zip(poses, shown, strict=True)),
-        camera=CAMERA,
+        instruments=tuple(instrument(p, m, camera) for p, m in zip(poses, shown, strict=True)),
+        camera=camera,
         facts={
             "background": f"{index % 2:06d}.jpg",
             "source": f"tissue-{index % 2}",

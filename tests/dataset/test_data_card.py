@@ -16,10 +16,11 @@ def shaft(x_mm: float, iou: float | None, occluded: float | None = None) -> Shaf
     )  # fmt: skip
 
 
-def image(key: str, background: str, tries: int, *shafts: ShaftFacts) -> ImageFacts:
-    return ImageFacts(
-        key, b"", background, f"source of {background[0]}", tries, 2000.0, 5000.0, 1.0, shafts
-    )
+def image(
+    key: str, background: str, tries: int, *shafts: ShaftFacts, crossing: int = 0
+) -> ImageFacts:
+    source = f"source of {background[0]}"
+    return ImageFacts(key, b"", background, source, tries, crossing, 2000.0, 5000.0, 1.0, shafts)
 
 
 IMAGES = [
@@ -41,6 +42,12 @@ def test_statistics_by_hand() -> None:
     assert card["quantities"]["occluded_share"] == {"min": 0.4, "median": 0.4, "max": 0.4}
     assert card["quantities"]["images_per_background"] == {"min": 1.0, "median": 1.0, "max": 2.0}
     assert card["quantities"].keys() == LABELS.keys()
+
+
+def test_shafts_that_cross_are_not_among_those_drawn() -> None:
+    shafts = shaft(-3.0, 0.98), shaft(5.0, 0.99), shaft(2.0, 1.0)
+    card = statistics([image("000000000", "a1", 8, *shafts, crossing=1), IMAGES[2]])
+    assert (card["shafts"], card["drawn_shafts"], card["acceptance_rate"]) == (3, 8, 0.25)
 
 
 def test_images_without_shafts_have_quantities_of_images_alone() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shaftpose.config import Distortion, LensSettings
-from shaftpose.dataset.image_checks import Body, check_image, silhouette_ious
+from shaftpose.dataset.image_checks import Body, check_image, cylinder_depths, silhouette_ious
 from shaftpose.dataset.rendered_image import read_image
 from shaftpose.dataset.set_checks import ExpectedSet, find_problems, read_members, refuse
 from shaftpose.errors import InputError
@@ -66,18 +66,15 @@ def test_a_sound_image_passes(pair: ExpectedSet) -> None:
     [
         ("gt_info.json", lambda c: first(c, bbox_visib=[1, 2, 3, 4]),
          "shaft 0: bbox_visib = (1, 2, 3, 4): the mask's extent is"),
-        ("gt_info.json", lambda c: first(c, bbox_obj=[0, 0, 2, 2]),
-         "shaft 0: bbox_obj = (0, 0, 2, 2): does not contain the mask"),
-        ("gt_info.json", lambda c: first(c, bbox_obj=[-1, 0, 300, 299]),
-         "shaft 0: bbox_obj = (-1, 0, 300, 299): leaves the image"),
-        ("gt_info.json", lambda c: first(c, bbox_obj=[0, 0, 299, 300]),
-         "shaft 0: bbox_obj = (0, 0, 299, 300): leaves the image"),
+        ("gt_info.json", lambda c: first(c, bbox_obj=[0, 0, 299, 299]),
+         "shaft 0: bbox_obj = (0, 0, 299, 299): the extent of its pose's silhouette is ("),
         ("gt_info.json", lambda c: first(c, px_count_visib=7),
          "shaft 0: px_count_visib = 7: the mask has"),
         ("gt_info.json", lambda c: first(c, px_count_valid=7),
          "shaft 0: px_count_valid = 7: px_count_all is"),
-        ("gt_info.json", lambda c: first(c, px_count_all=7, px_count_valid=7),
-         "shaft 0: px_count_all = 7: the mask alone has"),
+        ("gt_info.json", lambda c: first(c, px_count_all=9000, px_count_valid=9000,
+                                         visib_fract=c[0]["px_count_visib"] / 9000),
+         "shaft 0: px_count_all = 9000: the silhouette of its pose has "),
         ("gt_info.json", lambda c: first(c, visib_fract=0.25),
          "shaft 0: visib_fract = 0.25:"),
         ("gt_info.json", lambda c: c[0].pop("bbox_obj"),
@@ -100,8 +97,8 @@ def test_a_sound_image_passes(pair: ExpectedSet) -> None:
          "shaft 0: obj_id = 2, not 1"),
         ("camera.json", lambda c: c["cam_K"].__setitem__(0, 140.0),
          "cam_K = [140.0, "),
-        ("camera.json", lambda c: c.update(distortion=[0.001, 0.0]),
-         "k1 = 0.001: outside lens.distortion.k1 = [0, 0]"),
+        ("camera.json", lambda c: c.update(distortion=[1e-9, 0.0]),
+         "k1 = 1e-09: outside lens.distortion.k1 = [0, 0]"),
         ("camera.json", lambda c: c.update(field_px=250.0),
          "field_px = 250.0, not lens.field_px = None"),
         ("shaft.json", lambda c: c.update(rolls_deg=[0.0, 45.0]),
@@ -135,6 +132,29 @@ def test_a_wrong_value(
 
 
 @pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"bbox_obj": [0, 0, 2, 2]}, "bbox_obj = (0, 0, 2, 2): does not contain the mask"),
+        ({"bbox_obj": [-1, 0, 300, 299]}, "bbox_obj = (-1, 0, 300, 299): leaves the image"),
+        ({"bbox_obj": [0, 0, 299, 300]}, "bbox_obj = (0, 0, 299, 300): leaves the image"),
+        ({"px_count_all": 500, "px_count_valid": 500, "px_count_visib": 500, "visib_fract": 1.0},
+         "px_count_all = 500: the mask alone has 600 px"),
+    ],
+)  # fmt: skip
+def test_a_wrong_extent_of_another_shape(tmp_path: Path, values: dict[str, Any], says: str) -> None:
+    """Geometry does not know all of a forceps: its mask is compared."""
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[100:120, 50:80] = True
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask])]])
+    rewrite(
+        tmp_path / "shard-000000.tar",
+        edit_json(f"{KEY}.gt_info.json", lambda content: first(content, **values)),
+    )
+    (shard,) = checked(replace(expected, body=replace(ROD, is_rod=False)))
+    assert f"shaft 0: {says}" in " ".join(problem.what for problem in shard.problems)
+
+
+@pytest.mark.parametrize(
     ("suffix", "data", "says"),
     [
         ("rgb.jpg", b"no picture", "rgb.jpg: 10 bytes that are no whole JPEG image"),
@@ -160,7 +180,6 @@ def test_a_damaged_member(
 
 
 def test_an_image_that_was_cut_short(pair: ExpectedSet, tmp_path: Path) -> None:
-    """OpenCV would decode it, the lower half grey."""
     shutil.copytree(pair.folder, tmp_path, dirs_exist_ok=True)
     name = f"{KEY}.rgb.jpg"
     rewrite(
@@ -210,26 +229,65 @@ def test_masks_of_occluded_shafts_are_not_compared(tmp_path: Path) -> None:
     (mask,) = silhouettes([LEFT])
     mask[:, :75] = False
     expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], occluders=[{}])]])
-    (shard,) = checked(expected)
+    (shard,) = checked(with_scene(expected, occluder_probability=0.5))
     assert not shard.problems
     assert shard.images[0].shafts[0].silhouette_iou is None
+
+
+def test_a_mask_beside_its_occluded_shaft(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    aside = np.roll(mask, 2, axis=0)
+    share = np.sum(aside & ~mask) / np.sum(aside)
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[aside], occluders=[{}])]])
+    assert (
+        f"shaft 0: {share:.3f} of its mask lies outside the silhouette of its pose: more than 0.05"
+        in complaint(with_scene(expected, occluder_probability=1.0))
+    )
+
+
+@pytest.mark.parametrize(
+    ("facts", "option", "says"),
+    [
+        ({}, {"occluder_probability": 1.0}, "occluders = 0: scene.occluder_probability = 1"),
+        ({"occluders": [{}]}, {"occluder_probability": 0.0},
+         "occluders = 1: scene.occluder_probability = 0"),
+        ({}, {"crossing_probability": 1.0}, "crossing = 0: scene.crossing_probability = 1"),
+        ({"crossing": 1}, {"crossing_probability": 0.0},
+         "crossing = 1: scene.crossing_probability = 0"),
+    ],
+)  # fmt: skip
+def test_what_is_there_though_it_never_is_or_lacks_though_it_always_is(
+    tmp_path: Path, facts: dict[str, Any], option: dict[str, float], says: str
+) -> None:
+    expected = write_set(tmp_path, [[sample(0, [LEFT, RIGHT], **facts)]])
+    assert says in complaint(with_scene(expected, **option))
+    (name,) = option
+    refuse(find_problems([expected], checked(with_scene(expected, **{name: 0.5}))))
+
+
+def test_an_image_without_shafts_has_nothing_to_hide(tmp_path: Path) -> None:
+    expected = with_scene(
+        write_set(tmp_path, [[sample(0, [])]]),
+        instruments=(0, 1), occluder_probability=1.0, crossing_probability=1.0,
+    )  # fmt: skip
+    refuse(find_problems([expected], checked(expected)))
 
 
 def test_a_mask_too_small_to_learn_from(tmp_path: Path) -> None:
     mask = np.zeros((299, 299), dtype=bool)
     mask[100:110, 50:80] = True
-    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], occluders=[{}])]])
-    assert "shaft 0: mask of 300 px: fewer than scene.min_visible_px = 400" in complaint(expected)
+    expected = write_set(tmp_path, [[sample(0, [LEFT], masks=[mask])]])
+    few = replace(expected, body=replace(ROD, is_rod=False))
+    assert "shaft 0: mask of 300 px: fewer than scene.min_visible_px = 400" in complaint(few)
 
 
 def test_a_pixel_of_two_shafts(tmp_path: Path) -> None:
     one, two = silhouettes([LEFT, RIGHT])
     two[100:105, 100:110] = True
     one[100:105, 100:110] = True
-    pair = sample(0, [LEFT, RIGHT], masks=[one, two], occluders=[{}])
-    assert "shafts 0 and 1: their visible masks share 50 px" in complaint(
-        write_set(tmp_path, [[pair]])
-    )
+    expected = write_set(tmp_path, [[sample(0, [LEFT, RIGHT], masks=[one, two])]])
+    shared = replace(expected, body=replace(ROD, is_rod=False))
+    assert "shafts 0 and 1: their visible masks share 50 px" in complaint(shared)
 
 
 def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
@@ -239,9 +297,9 @@ def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
     kept[rows[len(rows) // 2] :] = False
     expected = write_set(tmp_path, [[sample(0, [BELOW], masks=[kept])]])
     members = read_members(tmp_path / "shard-000000.tar")[KEY]
-    found = silhouette_ious(read_image(members, 299), CAMERA, expected.body)
-    # Every ninth pixel is compared: of some 1,000 px the share is right to a hundredth or so.
-    assert found == [pytest.approx(kept.sum() / mask.sum(), abs=0.02)]
+    image = read_image(members, 299)
+    found = silhouette_ious(image, cylinder_depths(image, CAMERA, expected.body))
+    assert found == [pytest.approx(kept.sum() / mask.sum())]
 
 
 def test_facts_of_an_image_by_hand(tmp_path: Path) -> None:
@@ -280,7 +338,7 @@ AT_THE_EDGE = ShaftPose(18.62, 0.0, 15.0, 70.0, 180.0)
 
 def test_an_image_is_compared_through_its_own_lens(tmp_path: Path) -> None:
     poses = [AT_THE_EDGE]
-    seen = replace(sample(0, poses, masks=silhouettes(poses, BARREL)), camera=BARREL)
+    seen = sample(0, poses, camera=BARREL)
     expected = with_lens(write_set(tmp_path, [[seen]]), distortion=BARREL_RANGES)
     (shard,) = checked(expected)
     assert not shard.problems
@@ -288,7 +346,7 @@ def test_an_image_is_compared_through_its_own_lens(tmp_path: Path) -> None:
 
 
 def test_a_mask_of_another_lens(tmp_path: Path) -> None:
-    seen = replace(sample(0, [LEFT], masks=silhouettes([LEFT])), camera=BARREL)
+    seen = sample(0, [LEFT], masks=silhouettes([LEFT]), camera=BARREL)
     expected = with_lens(write_set(tmp_path, [[seen]]), distortion=BARREL_RANGES)
     assert "of its mask and the silhouette of its pose: below 0.9 " in complaint(expected)
 
@@ -302,9 +360,7 @@ def test_a_lens_that_is_not_stated(tmp_path: Path) -> None:
 def test_a_tip_outside_the_round_field(tmp_path: Path) -> None:
     round_field = replace(CAMERA, field_px=220.0)
     outside = ShaftPose(17.0, 0.0, 20.0, 80.0, 180.0)  # 116 px from the centre
-    seen = replace(
-        sample(0, [outside], masks=silhouettes([outside], round_field)), camera=round_field
-    )
+    seen = sample(0, [outside], camera=round_field)
     expected = with_lens(write_set(tmp_path, [[seen]]), field_px=220.0)
     assert "shaft 0: tip at 265.9, 149.5 px: outside the image" in complaint(expected)
 
@@ -313,12 +369,12 @@ THREE = [LEFT, RIGHT, BELOW]
 
 
 def test_a_shaft_may_cross_beside_those_of_the_settings(tmp_path: Path) -> None:
-    expected = with_scene(write_set(tmp_path, [[sample(0, THREE)]]), crossing_probability=0.5)
+    expected = write_set(tmp_path, [[sample(0, THREE, crossing=1)]])
+    expected = with_scene(expected, crossing_probability=0.5)
     refuse(find_problems([expected], checked(expected)))
     one_too_many = with_scene(expected, instruments=(1, 1))
-    assert "shafts = 3: outside scene.instruments = [1, 1] and 1 that crosses" in complaint(
-        one_too_many
-    )
+    says = "shafts = 2 beside 1 that cross: outside scene.instruments = [1, 1]"
+    assert says in complaint(one_too_many)
 
 
 def test_a_shaft_too_many_where_none_crosses(tmp_path: Path) -> None:
@@ -357,19 +413,18 @@ def test_a_short_instrument_may_point_at_the_camera(tmp_path: Path) -> None:
 
 
 def half_hidden(pose: ShaftPose) -> Sample:
-    """One shaft, half of whose pixels an occluder hides."""
-    one = sample(0, [pose], occluders=[{}])
-    (shaft,) = one.instruments
-    hidden = replace(shaft, amodal_px=2 * shaft.visible_px, visible_fraction=0.5)
-    return replace(one, instruments=(hidden,))
+    """One shaft, every second of whose pixels an occluder hides."""
+    (mask,) = silhouettes([pose])
+    mask[np.nonzero(mask)] = np.arange(mask.sum()) % 2 == 0
+    return sample(0, [pose], masks=[mask], occluders=[{}])
 
 
 def test_an_occluder_hides_as_much_as_it_shall(tmp_path: Path) -> None:
     expected = write_set(tmp_path, [[half_hidden(LEFT)]])
-    as_asked = with_scene(expected, occluder_coverage=(0.2, 0.8))
-    (shard,) = checked(as_asked)
+    expected = with_scene(expected, occluder_probability=1.0, occluder_coverage=(0.2, 0.8))
+    (shard,) = checked(expected)
     assert not shard.problems
-    assert shard.images[0].shafts[0].occluded_share == 0.5
+    assert shard.images[0].shafts[0].occluded_share == pytest.approx(0.5, abs=0.001)
     more = with_scene(expected, occluder_coverage=(0.6, 0.8))
     assert "shaft 0: 0.500 of it hidden: outside scene.occluder_coverage = [0.6, 0.8]" in complaint(
         more

@@ -46,7 +46,7 @@ def last_line(result: subprocess.CompletedProcess[str]) -> str:
         ("poses.z_mm=deep", "poses.z_mm = 'deep'"),
         ("scene.instruments=[2,1]", "scene.instruments"),
         ("seed=-1", "seed = -1"),
-        ("real.stand_in.lens.haze=[0,2]", "lens.haze"),
+        ("real.stand_in.lens.haze=[0,2]", "params.yaml: real.stand_in.lens.haze"),
     ],
 )
 def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) -> None:

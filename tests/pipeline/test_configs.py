@@ -47,6 +47,22 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
     assert settings.render_settings(config).samples == config["size"]["samples"]
 
 
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("render.device=gpu", "params.yaml: render.device = 'gpu': "),
+        ("render.jpeg_quality=0", "params.yaml: render.jpeg_quality = 0: "),
+        ("scene.roughness=[0,2]", "params.yaml: scene.roughness = "),
+        ("real.stand_in.scene.roughness=[0,2]", "params.yaml: real.stand_in.scene.roughness = "),
+        ("~real.stand_in.lens", "params.yaml: real.stand_in.lens is missing; add it"),
+    ],
+)
+def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        settings.check(composed("profile=smoke", override))
+    assert str(caught.value).startswith(says)
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))

@@ -22,7 +22,7 @@ from shaftpose.backgrounds.variations import (
     vary_colour,
 )
 from shaftpose.errors import InputError
-from shaftpose.images import Image, centre_square, decode_rgb, write_jpeg
+from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
 INDEX_NAME = "index.csv"
@@ -38,8 +38,8 @@ class SourceImages:
 
     Iterating yields (id, RGB image). The id is the file's name, or that of the subfolder which it
     lies in: frames of one operation are alike, and images of one id stay together in a split. Files
-    that cannot be decoded are passed over and collected in `skipped`, which is complete when the
-    iteration is.
+    that cannot be read or decoded are passed over and collected in `skipped`, which is complete
+    when the iteration is.
     """
 
     folder: Path
@@ -48,26 +48,27 @@ class SourceImages:
 
     @property
     def skipped(self) -> tuple[Path, ...]:
-        """The files of the last iteration that could not be decoded."""
+        """The files of the last iteration that could not be read or decoded."""
         return tuple(self._skipped)
 
     def __len__(self) -> int:
-        """The number of image files, undecodable ones included."""
+        """The number of image files, unreadable ones included."""
         return len(self.paths)
 
     def __iter__(self) -> Iterator[tuple[str, Image]]:
         self._skipped.clear()
         for path in self.paths:
-            image = decode_rgb(path.read_bytes())
-            if image is None:
+            try:
+                image = read_rgb(path)
+            except InputError as error:
                 self._skipped.append(path)
-                log.warning("skipped %s: not a readable image", path)
+                log.warning("skipped %s", error)
             else:
                 yield path.relative_to(self.folder).parts[0], image
         if len(self._skipped) == len(self.paths):
             raise InputError(
-                f"none of the {len(self.paths)} images in {self.folder} can be decoded: "
-                "replace them with intact PNG, JPEG, BMP or TIFF files"
+                f"none of the {len(self.paths)} images in {self.folder} can be read and "
+                "decoded: replace them with intact PNG, JPEG, BMP or TIFF files"
             )
 
 

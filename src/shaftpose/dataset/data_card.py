@@ -69,9 +69,11 @@ def quantities(images: Sequence[ImageFacts]) -> dict[str, Array]:
 
 
 def statistics(images: Sequence[ImageFacts]) -> Statistics:
-    """Counts of a set, the share of drawn shafts that the pose sampler kept, and least, median and
-    greatest value of each quantity that occurs."""
+    """Counts of a set, the share of drawn shafts that sampler and renderer kept, and least, median
+    and greatest value of each quantity that occurs. Shafts that cross are drawn apart, and not in
+    that share."""
     shafts = sum(len(image.shafts) for image in images)
+    kept = sum(len(image.shafts) - image.crossing for image in images)
     drawn = sum(image.tries for image in images if image.shafts)
     by_shafts = Counter(len(image.shafts) for image in images)
     return {
@@ -81,7 +83,7 @@ def statistics(images: Sequence[ImageFacts]) -> Statistics:
         "backgrounds": len({image.background for image in images}),
         "sources": len({image.source for image in images}),
         "drawn_shafts": drawn,
-        "acceptance_rate": shafts / drawn if drawn else None,
+        "acceptance_rate": kept / drawn if drawn else None,
         "quantities": {
             name: _describe(values) for name, values in quantities(images).items() if len(values)
         },
@@ -108,7 +110,7 @@ def to_markdown(
         "# Data card",
         "Stage `validate` has checked every image of these sets.",
         _table(
-            ["set", "images", "shafts", "backgrounds", "sources", "drawn shafts", "kept of these"],
+            ["set", "images", "shafts", "backgrounds", "sources", "drawn shafts", "kept of drawn"],
             [_set_row(name, found) for name, found in sets.items()],
         ),
     ]

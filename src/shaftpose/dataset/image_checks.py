@@ -34,10 +34,6 @@ from shaftpose.shards import SHAFT_OBJECT_ID
 LEAST_IOU = 0.95  # of a mask and the silhouette that geometry alone predicts
 # A distorted mask takes the nearest pixel of a pinhole's: its edges are off by up to half a pixel.
 LEAST_IOU_DISTORTED = 0.9
-# Silhouettes are compared on every third pixel in each direction, which takes a ninth of the time.
-# The stride is odd, so that the centre of a block of pixels is the centre of its middle pixel.
-# Distorted images, whose masks are less exact, need every pixel.
-_STRIDE = 3
 _ROUNDING = 1e-6  # mm, or of unit vectors
 _LENS = np.zeros(3)
 
@@ -68,34 +64,42 @@ def check_image(
     except InputError as error:
         return None, [str(error)]
     camera = _camera(image, settings)
-    ious = silhouette_ious(image, camera, body)
-    least = LEAST_IOU_DISTORTED if _is_distorted(camera) else LEAST_IOU
+    depths = cylinder_depths(image, camera, body)
+    ious = silhouette_ious(image, depths)
+    least = LEAST_IOU_DISTORTED if camera.k1 or camera.k2 else LEAST_IOU
     found = [
         *_problems(image, settings, camera, body, backgrounds),
+        *_extents(image, depths),
         *_unlike_silhouettes(ious, least),
+        *_outside_silhouettes(image, depths, 1 - least),
     ]
     return _facts(key, image, body, ious), found
 
 
-def silhouette_ious(image: AnnotatedImage, camera: Camera, body: Body) -> list[float | None]:
-    """IoU of each visible mask with the silhouette of a cylinder at the annotated pose, less what
-    nearer shafts hide; None for all of an image with occluders, and of instruments that are no
-    plain rod.
+def cylinder_depths(image: AnnotatedImage, camera: Camera, body: Body) -> list[Array] | None:
+    """Depths (H, W) in mm of exact cylinders at the annotated poses, infinity beside them; None for
+    instruments that are no plain rod.
 
-    Blender has no part in the silhouette: pose, camera and mask are checked against each other.
+    Blender has no part in them: pose, camera and mask are checked against each other.
     """
-    if image.facts.occluders or not image.masks or not body.is_rod:
+    if not body.is_rod:
+        return None
+    size = body.diameter_mm, body.length_mm
+    return [cylinder_depth(camera, pose, *size) for pose in image.facts.shafts]
+
+
+def silhouette_ious(image: AnnotatedImage, depths: list[Array] | None) -> list[float | None]:
+    """IoU of each visible mask with the silhouette of its cylinder, less what nearer shafts hide;
+    None for all of an image with occluders, and of instruments that are no plain rod.
+
+    depths: see `cylinder_depths`.
+    """
+    if not depths or image.facts.occluders:
         return [None] * len(image.masks)
-    size, stride = (body.diameter_mm, body.length_mm), 1 if _is_distorted(camera) else _STRIDE
-    depths = np.stack([cylinder_depth(camera, p, *size, stride) for p in image.facts.shafts])
     nearest = np.argmin(depths, axis=0)
     silhouettes = [(nearest == n) & np.isfinite(depth) for n, depth in enumerate(depths)]
-    masks = [mask[stride // 2 :: stride, stride // 2 :: stride] for mask in image.masks]
-    return [_iou(mask, silhouette) for mask, silhouette in zip(masks, silhouettes, strict=True)]
-
-
-def _is_distorted(camera: Camera) -> bool:
-    return bool(camera.k1 or camera.k2)
+    each = zip(image.masks, silhouettes, strict=True)
+    return [_iou(mask, silhouette) for mask, silhouette in each]
 
 
 def _iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
@@ -112,7 +116,8 @@ def _problems(
     facts = image.facts
     yield from _lens(image.camera, camera, settings.lens)
     yield from _background(facts, backgrounds)
-    yield from _count(len(facts.shafts), settings.scene)
+    yield from _count(facts, settings.scene)
+    yield from _chances(facts, settings.scene)
     for n, pose in enumerate(facts.shafts):
         least = settings.scene.min_visible_px
         for problem in (
@@ -138,13 +143,29 @@ def _lens(found: CameraFacts, camera: Camera, lens: LensSettings) -> Iterator[st
         yield f"field_px = {found.field_px}, not lens.field_px = {lens.field_px}"
 
 
-def _count(shafts: int, scene: SceneSettings) -> Iterator[str]:
+def _count(facts: SceneFacts, scene: SceneSettings) -> Iterator[str]:
     """A shaft that crosses comes on top of those of the settings."""
     fewest, most = scene.instruments
-    crossing = int(scene.crossing_probability > 0)
-    if not fewest <= shafts <= most + crossing:
-        more = f" and {crossing} that crosses" if crossing else ""
-        yield f"shafts = {shafts}: outside scene.instruments = [{fewest}, {most}]{more}"
+    shafts = len(facts.shafts) - facts.crossing
+    if not fewest <= shafts <= most:
+        more = f" beside {facts.crossing} that cross" if facts.crossing else ""
+        yield f"shafts = {shafts}{more}: outside scene.instruments = [{fewest}, {most}]"
+
+
+def _chances(facts: SceneFacts, scene: SceneSettings) -> Iterator[str]:
+    """What is always there, or never; an image without shafts has nothing to hide or to cross."""
+    if not facts.shafts:
+        return
+    if scene.occluder_probability == (0 if facts.occluders else 1):
+        yield (
+            f"occluders = {len(facts.occluders)}: scene.occluder_probability = "
+            f"{scene.occluder_probability:g}"
+        )
+    if scene.crossing_probability == (0 if facts.crossing else 1):
+        yield (
+            f"crossing = {facts.crossing}: scene.crossing_probability = "
+            f"{scene.crossing_probability:g}"
+        )
 
 
 def _coverage(image: AnnotatedImage, scene: SceneSettings) -> Iterator[str]:
@@ -175,7 +196,7 @@ def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[s
 
 
 def _mask(mask: NDArray[np.bool_], extent: Extent, least_px: int) -> Iterator[str]:
-    """Boxes, counts and fraction against the visible mask (H, W)."""
+    """Box, counts and fraction against the visible mask (H, W)."""
     visible, whole = int(mask.sum()), extent.px_count_all
     if visible < least_px:
         yield f"mask of {visible} px: fewer than scene.min_visible_px = {least_px}"
@@ -183,25 +204,46 @@ def _mask(mask: NDArray[np.bool_], extent: Extent, least_px: int) -> Iterator[st
         yield f"px_count_visib = {extent.px_count_visib}: the mask has {visible} px"
     if extent.px_count_valid != whole:
         yield f"px_count_valid = {extent.px_count_valid}: px_count_all is {whole}"
-    if whole < max(visible, 1):
-        yield f"px_count_all = {whole}: the mask alone has {visible} px"
-    elif abs(extent.visib_fract - visible / whole) > _ROUNDING:
+    if whole > 0 and abs(extent.visib_fract - visible / whole) > _ROUNDING:
         yield f"visib_fract = {extent.visib_fract}: {visible} of {whole} px are {visible / whole}"
-    if visible:
-        yield from _boxes(mask, extent)
+    if visible and extent.bbox_visib != _corner_and_size(mask):
+        yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {_corner_and_size(mask)}"
 
 
-def _boxes(mask: NDArray[np.bool_], extent: Extent) -> Iterator[str]:
-    x0, y0, x1, y1 = mask_box(mask)
-    if extent.bbox_visib != (x0, y0, x1 - x0, y1 - y0):
-        found = (x0, y0, x1 - x0, y1 - y0)
-        yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {found}"
+def _extents(image: AnnotatedImage, depths: list[Array] | None) -> Iterator[str]:
+    """The extents of whole shafts against their cylinders, or, of instruments that are no plain
+    rod, against the visible masks alone."""
+    for n, (mask, extent) in enumerate(zip(image.masks, image.extents, strict=True)):
+        found = _roomy(mask, extent) if depths is None else _exact(mask, depths[n], extent)
+        for problem in found if mask.any() else ():
+            yield f"shaft {n}: {problem}"
+
+
+def _exact(mask: NDArray[np.bool_], depth: Array, extent: Extent) -> Iterator[str]:
+    # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
+    whole = np.isfinite(depth) | mask
+    pixels, box = int(whole.sum()), _corner_and_size(whole)
+    if extent.px_count_all != pixels:
+        yield f"px_count_all = {extent.px_count_all}: the silhouette of its pose has {pixels} px"
+    if extent.bbox_obj != box:
+        yield f"bbox_obj = {extent.bbox_obj}: the extent of its pose's silhouette is {box}"
+
+
+def _roomy(mask: NDArray[np.bool_], extent: Extent) -> Iterator[str]:
+    visible, (x0, y0, x1, y1) = int(mask.sum()), mask_box(mask)
+    if extent.px_count_all < visible:
+        yield f"px_count_all = {extent.px_count_all}: the mask alone has {visible} px"
     left, top, width, height = extent.bbox_obj
     right, bottom = left + width, top + height
     if left > x0 or top > y0 or right < x1 or bottom < y1:
         yield f"bbox_obj = {extent.bbox_obj}: does not contain the mask"
     if min(left, top) < 0 or right > mask.shape[1] or bottom > mask.shape[0]:
         yield f"bbox_obj = {extent.bbox_obj}: leaves the image"
+
+
+def _corner_and_size(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    x0, y0, x1, y1 = mask_box(mask)
+    return x0, y0, x1 - x0, y1 - y0
 
 
 def _model_pose(model: ModelPose, pose: ShaftPose, roll_deg: float) -> Iterator[str]:
@@ -277,6 +319,21 @@ def _unlike_silhouettes(ious: Sequence[float | None], least: float) -> Iterator[
             )
 
 
+def _outside_silhouettes(
+    image: AnnotatedImage, depths: list[Array] | None, most: float
+) -> Iterator[str]:
+    """What can be said of masks in images with occluders, whose silhouettes nothing tells."""
+    if depths is None or not image.facts.occluders:
+        return
+    for n, (mask, depth) in enumerate(zip(image.masks, depths, strict=True)):
+        share = int(np.sum(mask & np.isinf(depth))) / max(int(mask.sum()), 1)
+        if share > most:
+            yield (
+                f"shaft {n}: {share:.3f} of its mask lies outside the silhouette of its pose: "
+                f"more than {most:g}"
+            )
+
+
 def _facts(key: str, image: AnnotatedImage, body: Body, ious: Sequence[float | None]) -> ImageFacts:
     facts, hidden = image.facts, _hidden_shares(image)
     each = zip(facts.shafts, image.extents, facts.steels, hidden, ious, strict=True)
@@ -286,6 +343,7 @@ def _facts(key: str, image: AnnotatedImage, body: Body, ious: Sequence[float | N
         background=facts.background,
         source=facts.source,
         tries=facts.tries,
+        crossing=facts.crossing,
         light_strength=facts.light.strength,
         light_kelvin=facts.light.kelvin,
         ambient=facts.light.ambient,

@@ -19,7 +19,6 @@ from shaftpose.geometry import Array, ShaftPose
 from shaftpose.images import Image, decode_rgb
 from shaftpose.shards import decode_mask
 
-_END_OF_JPEG = b"\xff\xd9"
 _FINITE = ConfigDict(allow_inf_nan=False)
 _Matrix = Annotated[list[float], Field(min_length=9, max_length=9)]  # (3, 3), row by row
 _Box = tuple[int, int, int, int]  # x, y, width, height
@@ -91,7 +90,8 @@ class Steel:
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
 class SceneFacts:
-    """What is read of shaft.json; rolls are stated where any can be seen."""
+    """What is read of shaft.json; rolls are stated where any can be seen,
+    `crossing`, the number of shafts that pass before others, where there are any."""
 
     shafts: list[ShaftPose]
     steels: list[Steel]
@@ -101,6 +101,7 @@ class SceneFacts:
     source: str
     tries: Count
     rolls_deg: list[float] | None = None
+    crossing: Count = 0
 
     @property
     def rolls(self) -> list[float]:
@@ -166,8 +167,7 @@ def _member(members: Mapping[str, bytes], suffix: str) -> bytes:
 
 
 def _decode(jpeg: bytes, size_px: int) -> Image:
-    # OpenCV fills up an image that was cut short: the last bytes of the file tell.
-    rgb = decode_rgb(jpeg) if jpeg.endswith(_END_OF_JPEG) else None
+    rgb = decode_rgb(jpeg)
     if rgb is None:
         raise InputError(f"rgb.jpg: {len(jpeg)} bytes that are no whole JPEG image")
     height, width = rgb.shape[:2]
