@@ -111,8 +111,8 @@ def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
         with tracking.training_run(f"id-{number}", "d", parameters, {}, folder):
             mlflow.log_metrics({"validation/mAP": alpha / 10}, step=3)
     runs = tracking.sweep_runs(folder)
-    assert [parameters for parameters, _ in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
-    assert [metrics["validation/mAP"] for _, metrics in runs] == [0.05, 0.15]
+    assert [run.parameters for run in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
+    assert [run.metrics["validation/mAP"] for run in runs] == pytest.approx([0.05, 0.15])
 
 
 def test_a_folder_without_a_sweep_is_named(store: Path) -> None:

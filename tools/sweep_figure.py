@@ -38,7 +38,7 @@ def main() -> None:
 def read_jobs(sweep: Path) -> list[SweepJob]:
     """The finished trainings of a sweep, those without a right detection left out."""
     tracking.connect(**yaml.safe_load(Path("params.yaml").read_text())["tracking"])
-    jobs = [SweepJob(*run) for run in tracking.sweep_runs(sweep)]
+    jobs = [SweepJob(run.parameters, run.metrics) for run in tracking.sweep_runs(sweep)]
     complete = [job for job in jobs if job.metrics.keys() >= set(METRICS)]
     if len(complete) < 2 or not swept_parameters(complete):
         raise InputError(

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
 
@@ -117,8 +117,16 @@ def start_sweep(folder: Path, name: str) -> None:
     (folder / _PARENT_FILE).write_text(run.info.run_id)
 
 
-def sweep_runs(folder: Path) -> list[tuple[dict[str, str], dict[str, float]]]:
-    """Parameters and last metrics of each training of a sweep, in the order of their start.
+class SweepRun(NamedTuple):
+    """A training of a sweep: MLflow's id, its parameters and the last value of each metric."""
+
+    run_id: str
+    parameters: dict[str, str]
+    metrics: dict[str, float]
+
+
+def sweep_runs(folder: Path) -> list[SweepRun]:
+    """The trainings of a sweep, in the order of their start.
 
     Raises InputError if no sweep was tracked from `folder`.
     """
@@ -130,7 +138,7 @@ def sweep_runs(folder: Path) -> list[tuple[dict[str, str], dict[str, float]]]:
         order_by=["attributes.start_time ASC"],
         output_format="list",
     )
-    return [(dict(run.data.params), dict(run.data.metrics)) for run in found]
+    return [SweepRun(run.info.run_id, run.data.params, run.data.metrics) for run in found]
 
 
 def _read_parent(folder: Path) -> str | None:
