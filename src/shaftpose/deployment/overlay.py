@@ -130,7 +130,9 @@ def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
 
 
 def _write(image: Image, text: str, origin: tuple[int, int], colour: Colour) -> None:
-    """Text with a dark rim, readable on any background."""
+    """Text with a dark rim, readable on any background; lighter than lines of its colour, for its
+    strokes are thin."""
     font = cv2.FONT_HERSHEY_SIMPLEX
-    for shade, thickness in (((0, 0, 0), 3), (colour, 1)):
+    light = tuple((channel + 255) // 2 for channel in colour)
+    for shade, thickness in (((0, 0, 0), 3), (light, 1)):
         cv2.putText(image, text, origin, font, 0.4, shade, thickness, cv2.LINE_AA)
