@@ -79,6 +79,8 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
 	install -m 644 reports/d/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/d/silhouettes.jpg docs/images/silhouettes.jpg
+	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png
+	install -m 644 reports/figures/binned_errors.png docs/images/binned_errors.png
 
 architecture: $(READY)  ## draw the picture and write the tables of docs/architecture.md
 	python tools/architecture_tables.py

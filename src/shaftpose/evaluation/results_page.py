@@ -13,8 +13,9 @@ INTRO = (
     "`benchmarks/results/*.json`; not to be edited."
 )
 BINNED = (
-    "`reports/figures/binned_errors.png`, which `make repro` draws, shows the errors of all "
-    "variants by depth, pitch, yaw around the 0/358 seam and visible fraction."
+    "Errors of all variants by depth, pitch, yaw around the 0/358 seam and visible fraction; "
+    "`make figures` takes the picture over from the recorded run.\n\n"
+    "![Binned errors](images/binned_errors.png)"
 )
 REPEATED = (
     "Trainings outside the pipeline, and those of the recorded run at the same scale. Paper / ours;"
