@@ -4,6 +4,7 @@ Sizes and channels are read from the networks of conf/variant at width 1.0.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import yaml
@@ -15,8 +16,9 @@ from matplotlib import pyplot
 from matplotlib.patches import FancyBboxPatch
 
 from shaftpose.network.default_boxes import BOXES_PER_CELL
-from shaftpose.network.heads import BOX_OFFSETS, CLASSES
+from shaftpose.network.heads import BOX_OFFSETS, CLASSES, ArchitectureD, ConditionedPosePath
 from shaftpose.network.inception_v4 import MAP_SIZES
+from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.shaft_network import ShaftNetwork
 
 PICTURE = ROOT / "docs/images/architecture.png"
@@ -82,7 +84,7 @@ class Sketch:
 
     def text(self, x: float, y: float, text: str, size: float = 9.5, **how: str) -> None:
         """Text around (x, y), or as `how` says."""
-        alignment = {"ha": "center", "va": "center"} | how
+        alignment: dict[str, Any] = {"ha": "center", "va": "center", **how}
         self.axes.text(x, y, text, fontsize=size, linespacing=1.25, **alignment)
 
 
@@ -119,6 +121,7 @@ def draw_classes(sketch: Sketch, network: ShaftNetwork, left: float) -> None:
     """Architecture B: the pose as classes."""
     title(sketch, left, 44.6, "(b)  one-hot pose (SSD-6D)")
     pose = draw_side_by_side(sketch, network, left)
+    assert isinstance(network.pose_coder, BinCoder)
     bins = " + ".join(str(count) for count in network.pose_coder.bins)
     text = f"softmax of each dimension:\n{bins} classes;\nthe likeliest one's centre"
     centres = sketch.block(left + 18.2, 15.5, text, POSE, width=19.8, height=6.2)
@@ -149,7 +152,9 @@ def draw_side_by_side(sketch: Sketch, network: ShaftNetwork, left: float) -> Blo
 def draw_conditioned(sketch: Sketch, network: ShaftNetwork, left: float) -> None:
     """Architecture D: class and box are fed into the pose path."""
     title(sketch, left, 44.6, "(d)  class and box feed the pose path")
+    assert isinstance(network.head, ArchitectureD)
     path = network.head.pose_paths[0]
+    assert isinstance(path, ConditionedPosePath)
     feature = sketch.block(left + 13, 39, "one of the six maps", MAP, width=14)
     of_class = sketch.block(
         left + 4.2, 29.5, f"class\n3 x 3 conv.\n{CLASSES} N", CLASS, width=8.2, height=6.2

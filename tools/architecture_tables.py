@@ -65,7 +65,7 @@ def map_table() -> str:
 
 def stages(backbone: InceptionV4Features) -> list[str]:
     """What leads to each map from the one before."""
-    blocks = [len(stage[1]) for stage in backbone.trunk]
+    blocks = [len(list(stage.get_submodule("1").children())) for stage in backbone.trunk]
     entries = ("stem", "Reduction-A", "Reduction-B, padded")
     trunk = [
         f"{entry}, {count} Inception-{letter}"
