@@ -63,7 +63,7 @@ format: $(READY)  ## mend style and format
 bench: $(READY)  ## images/s of the models that `make repro` made
 	python -m benchmarks.prediction
 
-bench-render: $(READY)  ## images/s, quality and memory of the renderer (an hour on two idle cores)
+bench-render: $(READY)  ## images/s, quality and memory of the renderer, on an idle machine
 	python -m benchmarks.render
 	python benchmarks/scaling_table.py
 

@@ -9,9 +9,26 @@ from pathlib import Path
 
 import pytest
 
+from tests.pipeline.small_data import write_training_data
+
 ROOT = Path(__file__).parents[2]
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the stage `train` runs."""
+    folder = tmp_path_factory.mktemp("project")
+    write_training_data(folder)
+    return folder
+
+
+@pytest.fixture
+def inside(project: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same folder as the current one."""
+    monkeypatch.chdir(project)
+    return project
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,6 @@ from lightning import Callback, Trainer, seed_everything
 from torch import Tensor
 
 from tests.pipeline.conftest import ROOT
-from tests.pipeline.small_data import write_training_data
 from tests.pipeline.test_configs import composed
 
 sys.path.insert(0, str(ROOT / "pipelines"))
@@ -88,20 +87,6 @@ class Training:
     @property
     def weights(self) -> dict[str, Tensor]:
         return self.module.network.state_dict()
-
-
-@pytest.fixture(scope="module")
-def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the stage `train` runs."""
-    folder = tmp_path_factory.mktemp("project")
-    write_training_data(folder)
-    return folder
-
-
-@pytest.fixture
-def inside(project: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(project)
-    return project
 
 
 @pytest.fixture(scope="module")

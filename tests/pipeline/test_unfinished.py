@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.conftest import ROOT
-from tests.pipeline.small_data import write_training_data
 from tests.pipeline.test_configs import composed
 from tests.pipeline.test_dvc_code import PLUMBING, reached
 from tests.pipeline.test_dvc_inputs import parameters_listed
@@ -22,19 +21,6 @@ from shaftpose.shards import shard_name  # noqa: E402
 
 # `defaults` chooses backbone and trainer, which are listed themselves.
 WATCHED = sorted(set(parameters_listed("train")) - {"defaults"})
-
-
-@pytest.fixture(scope="module")
-def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("project")
-    write_training_data(folder)
-    return folder
-
-
-@pytest.fixture
-def inside(data: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(data)
-    return data
 
 
 @pytest.fixture(scope="module")
