@@ -244,7 +244,7 @@ class ShardedDataset:
         path, data = self._read(key, "rgb.jpg")
         image = decode_rgb(data)
         if image is None:
-            raise InputError(f"{path}: image {key} is damaged; {_RENDER_ALL}")
+            raise InputError(f"{path}: image {key} is damaged; {RENDER_ALL}")
         return image
 
     def annotations(self, key: str) -> Annotations:
@@ -253,7 +253,7 @@ class ShardedDataset:
             poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
             boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
         except (KeyError, TypeError) as error:
-            message = f"{self.folder}: the annotations of {key} are damaged; {_RENDER_ALL}"
+            message = f"{self.folder}: the annotations of {key} are damaged; {RENDER_ALL}"
             raise InputError(message) from error
         return Annotations(
             np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
@@ -286,7 +286,7 @@ class ShardedDataset:
         try:
             return json.loads(data)
         except ValueError as error:
-            raise InputError(f"{path}: {key}.{suffix} is damaged; {_RENDER_ALL}") from error
+            raise InputError(f"{path}: {key}.{suffix} is damaged; {RENDER_ALL}") from error
 
     def _read(self, key: str, suffix: str) -> tuple[Path, bytes]:
         """The shard and the bytes of a member; the shard may have gone since it was indexed."""
@@ -294,7 +294,7 @@ class ShardedDataset:
         try:
             return location.path, location.read()
         except OSError as error:
-            message = f"{location.path}: cannot be read ({error.strerror}); {_RENDER_ALL}"
+            message = f"{location.path}: cannot be read ({error.strerror}); {RENDER_ALL}"
             raise InputError(message) from error
 
     def _location(self, key: str, suffix: str) -> Location:
@@ -306,7 +306,7 @@ class ShardedDataset:
 
 _RENDER = "run `dvc repro -s -f render` (a shard of your own: write it again)"
 # A shard that is whole is not rendered again, whatever its members hold: it has to go first.
-_RENDER_ALL = f"delete data/scratch, then {_RENDER}"
+RENDER_ALL = f"delete data/scratch, then {_RENDER}"
 
 
 def is_whole(path: Path) -> bool:

@@ -16,13 +16,11 @@ from shaftpose.dataset.image_checks import Body, check_image
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.errors import InputError
 from shaftpose.instruments import POSE_DIMENSIONS
-from shaftpose.shards import is_whole, sample_key
+from shaftpose.shards import RENDER_ALL, is_whole, sample_key
 
 logger = logging.getLogger(__name__)
 
 MOST_NAMED = 20
-# A shard that is whole is not rendered again, whatever its members hold: it has to go first.
-_REMEDY = "delete data/scratch, then run `dvc repro -s -f render`"
 _pose = attrgetter(*POSE_DIMENSIONS)
 
 
@@ -163,4 +161,4 @@ def refuse(problems: Sequence[Problem]) -> None:
         logger.error("%s", problem)
     if len(problems) > MOST_NAMED:
         logger.error("and %d more", len(problems) - MOST_NAMED)
-    raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {_REMEDY}")
+    raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {RENDER_ALL}")
