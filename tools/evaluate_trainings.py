@@ -8,7 +8,6 @@ evaluates the checkpoint in each folder, with the settings that it was trained w
 import argparse
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -20,6 +19,11 @@ from results import read_json, read_training, write_json  # noqa: E402
 
 from shaftpose.dataset.coco import read_coco  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
+from shaftpose.evaluation.training_record import (  # noqa: E402
+    TrainingRecord,
+    validation_curves,
+)
 
 RECORDS = Path("reports/trainings")
 
@@ -56,12 +60,13 @@ def variant_of(folder: Path) -> str:
 
 
 def record(folder: Path) -> Path:
-    """Write the training's line of Table I where `make results` finds it."""
+    """Write what is kept of the training where `make results` finds it."""
     variant, training_id = variant_of(folder), read_training(folder)["training_id"]
     result = read_json(folder / "evaluation.json", "evaluate")
     row = variant_row(variant, result, len(read_coco(Path("data/real/train.json"))))
+    binned, curves = from_plain(result["binned_errors"]), validation_curves(result["curves"])
     path = RECORDS / f"{variant}-{training_id[:8]}.json"
-    write_json(path, asdict(row))
+    write_json(path, TrainingRecord(row, binned, curves).as_plain())
     return path
 
 

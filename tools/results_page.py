@@ -1,9 +1,11 @@
-"""Write docs/results.md from the files of results that are in the repository: `make results`."""
+"""Write docs/results.md and draw its pictures of repeated trainings: `make results`.
+
+All of it comes from the files of results that are in the repository.
+"""
 
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +13,21 @@ import yaml
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
+from shaftpose.evaluation.figure_style import save_figure
+from shaftpose.evaluation.repeated_trainings import repeated_figures
 from shaftpose.evaluation.results_page import to_page
+from shaftpose.evaluation.training_record import TrainingRecord, read_record, read_row
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/results.md"
 
 
 def main() -> None:
-    """Write the page."""
+    """Write the page and its pictures."""
     try:
         PAGE.write_text(page(ROOT))
+        for name, figure in repeated_figures(records(ROOT), report_of(ROOT).domain_label).items():
+            save_figure(figure, PAGE.parent / name)
     except InputError as error:
         sys.exit(f"error: {error}")
     print(f"written to {PAGE.relative_to(ROOT)}")
@@ -28,14 +35,24 @@ def main() -> None:
 
 def page(root: Path) -> str:
     """The page of the results below `root`."""
+    report = report_of(root)
+    profiles = yaml.safe_load((root / "conf/profiles.yaml").read_text())
+    benchmarks = contents(root / "benchmarks/results")
+    return to_page(report, profile_of(report.rows, profiles), records(root), benchmarks)
+
+
+def records(root: Path) -> list[TrainingRecord]:
+    """What is kept of trainings outside the pipeline, by variant and seed."""
+    found = [read_record(content) for content in contents(root / "reports/trainings").values()]
+    return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
+
+
+def report_of(root: Path) -> AblationReport:
+    """The recorded report. Raises InputError if there is none."""
     recorded = root / "reports/ablation.json"
     if not recorded.is_file():
         raise InputError(f"{recorded}: missing; run `make report`")
-    report = read_report(json.loads(recorded.read_text()))
-    profiles = yaml.safe_load((root / "conf/profiles.yaml").read_text())
-    trainings = [read_row(row) for row in contents(root / "reports/trainings").values()]
-    benchmarks = contents(root / "benchmarks/results")
-    return to_page(report, profile_of(report.rows, profiles), trainings, benchmarks)
+    return read_report(json.loads(recorded.read_text()))
 
 
 def read_report(content: dict[str, Any]) -> AblationReport:
@@ -47,12 +64,6 @@ def read_report(content: dict[str, Any]) -> AblationReport:
         domain_label=content["domain_label"],
         champion=Champion(**content["champion"]),
     )
-
-
-def read_row(content: dict[str, Any]) -> VariantRow:
-    """A training's row, less what ablation.json adds to it."""
-    names = {field.name for field in fields(VariantRow)} & content.keys()
-    return VariantRow(**{n: content[n] for n in names} | {"seeds": tuple(content["seeds"])})
 
 
 def contents(folder: Path) -> dict[str, Any]:

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shaftpose.evaluation import report_tables
-from shaftpose.evaluation.ablation import AblationReport, VariantRow
-from shaftpose.evaluation.repeats import by_scale
-from shaftpose.evaluation.report import blocks, pipe_table, table_i_block
+from shaftpose.evaluation.ablation import AblationReport
+from shaftpose.evaluation.repeated_trainings import repeated_blocks
+from shaftpose.evaluation.report import blocks, pipe_table
+from shaftpose.evaluation.training_record import TrainingRecord
 
 INTRO = (
     "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json` and "
@@ -17,55 +17,26 @@ BINNED = (
     "`make figures` takes the picture over from the recorded run.\n\n"
     "![Binned errors](images/binned_errors.png)"
 )
-REPEATED = (
-    "Trainings outside the pipeline, and those of the recorded run at the same scale. Paper / ours;"
-    " ours are means ± half the range over the seeds."
-)
 
 
 def to_page(
     report: AblationReport,
     profile: str,
-    trainings: Sequence[VariantRow],
+    records: Sequence[TrainingRecord],
     benchmarks: Mapping[str, Any],
 ) -> str:
     """The page as Markdown.
 
-    report: the recorded run, of the profile `profile`; trainings: single ones besides it;
+    report: the recorded run, of the profile `profile`; records: single trainings besides it;
     benchmarks: the contents of result files by name.
     """
     parts = ["# Results", INTRO, f"The recorded run has the profile `{profile}`."]
     parts += [*blocks(report), "## Where the errors are", BINNED]
-    if trainings:
-        parts += ["## Repeated trainings", REPEATED, *_repeated(report, trainings)]
+    if records:
+        parts += ["## Repeated trainings", *repeated_blocks(report, records)]
     if benchmarks:
         parts += ["## Speed", *_speed(benchmarks)]
     return "\n\n".join(parts) + "\n"
-
-
-def _repeated(report: AblationReport, trainings: Sequence[VariantRow]) -> list[str]:
-    """A table for each scale of these trainings; the recorded run comes first in its own."""
-    wanted = by_scale(trainings).keys()
-    parts = []
-    for key, rows in by_scale([*report.rows, *trainings]).items():
-        if key in wanted:
-            images, steps, batch_size, width = key
-            seeds = ", ".join(
-                f"{compared.title}: {', '.join(map(str, row.seeds))}"
-                for row, compared in zip(rows, _compared(rows, report), strict=True)
-            )
-            parts += [
-                f"{images:,} training images, {steps:,} steps of {batch_size}, width {width:g}. "
-                f"Seeds: {seeds}.",
-                table_i_block(_compared(rows, report)),
-            ]
-    return parts
-
-
-def _compared(
-    rows: Sequence[VariantRow], report: AblationReport
-) -> list[report_tables.ComparedRow]:
-    return report_tables.beside_paper(rows, report.domain_label)
 
 
 def _speed(benchmarks: Mapping[str, Any]) -> list[str]:

@@ -1,0 +1,64 @@
+"""Whether repeated trainings bear out the order in which the paper puts its architectures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from shaftpose.evaluation.ablation import VariantRow
+from shaftpose.evaluation.paper_tables import TABLE_I
+from shaftpose.instruments import POSE_DIMENSIONS
+
+# Each step of the study: what was there, and what the paper puts in its place.
+STEPS = (("b", "c"), ("c", "d"), ("d", "d_noise"))
+METRICS = ("mAP", "detected_rate", *POSE_DIMENSIONS)
+AS_IN_PAPER, REVERSED, UNDECIDED = "as in the paper", "reversed", "within the spread"
+
+
+@dataclass(frozen=True)
+class Change:
+    """How much larger a metric is after a step than before, and what that says of the paper."""
+
+    difference: float
+    verdict: str
+
+
+def changes(rows: Sequence[VariantRow]) -> dict[tuple[str, str], dict[str, Change]]:
+    """The changes by step and metric, as far as the paper says in which direction they go.
+
+    rows: variants trained alike. A difference decides nothing if it is no larger than the half
+    ranges of both values together; a variant that was trained once is taken to spread as much as
+    the repeated one that spreads most. What is missing, or was never repeated, is left out.
+    """
+    known = {row.variant: row for row in rows}
+    found = {}
+    for before, after in STEPS:
+        if before in known and after in known:
+            pair = (known[before], known[after])
+            step = {metric: _change(*pair, metric, rows) for metric in METRICS}
+            found[before, after] = {name: change for name, change in step.items() if change}
+    return {step: values for step, values in found.items() if values}
+
+
+def _change(
+    before: VariantRow, after: VariantRow, metric: str, rows: Sequence[VariantRow]
+) -> Change | None:
+    rises = _rises(before.variant, after.variant, metric)
+    first, second = before.metrics.get(metric), after.metrics.get(metric)
+    spreads = [value for row in rows if (value := row.spread.get(metric)) is not None]
+    if rises is None or first is None or second is None or not spreads:
+        return None
+    difference = second - first
+    noise = sum(row.spread.get(metric, max(spreads)) or 0.0 for row in (before, after))
+    if abs(difference) <= noise:
+        return Change(difference, UNDECIDED)
+    return Change(difference, AS_IN_PAPER if (difference > 0) == rises else REVERSED)
+
+
+def _rises(before: str, after: str, metric: str) -> bool | None:
+    """Whether a value grows in the paper's Table I; None if the paper does not say so.
+
+    B is in no table, but its poses are said to be less precise (I-B).
+    """
+    if before == "b":
+        return False if metric in POSE_DIMENSIONS else None
+    values = [float(getattr(TABLE_I[variant], metric)) for variant in (before, after)]
+    return values[1] > values[0]
