@@ -99,8 +99,7 @@ def test_show_draws_as_many_images_as_there_are(tmp_path: Path) -> None:
     camera = Camera.from_field_of_view(299, 299, 95.0)
     mask = np.zeros((299, 299), dtype=bool)
     mask[50:100, 60:160] = True
-    box = (60, 50, 160, 100)
-    shaft = Instrument(ShaftPose(0.0, 0.0, 25.0, 70.0, 30.0), mask, box, box, 1.0, 5000, 5000)
+    shaft = Instrument(ShaftPose(0.0, 0.0, 25.0, 70.0, 30.0), mask, mask)
     with ShardWriter(tmp_path / shard_name(0), 95) as shard:
         for index in range(3):
             rgb = np.full((299, 299, 3), 60 * index, dtype=np.uint8)

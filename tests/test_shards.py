@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera, ShaftPose, mask_box
@@ -40,10 +41,9 @@ def rectangle(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
 
 
 def instrument(pose: ShaftPose, mask: np.ndarray) -> Instrument:
-    """Half of it hidden; the amodal box reaches 4 px further to the right."""
-    box = x0, y0, x1, y1 = mask_box(mask)
-    visible = int(mask.sum())
-    return Instrument(pose, mask, box, (x0, y0, x1 + 4, y1), 0.5, visible, 2 * visible)
+    """Some of it is hidden; it reaches 4 px further to the right."""
+    x0, y0, x1, y1 = mask_box(mask)
+    return Instrument(pose, mask, rectangle(x0, y0, x1 + 4, y1))
 
 
 def make_sample(index: int, shafts: int = 2) -> Sample:
@@ -130,7 +130,7 @@ def test_a_sample_survives_writing_and_reading(tmp_path: Path) -> None:
         read = dataset.annotations(sample.key)
         assert read.poses is not None
         shafts = sample.instruments
-        assert [tuple(box) for box in read.boxes] == [shaft.box for shaft in shafts]
+        assert [tuple(box) for box in read.boxes] == [mask_box(s.mask) for s in shafts]
         assert [tuple(pose) for pose in read.poses] == [tuple(s.pose.as_array()) for s in shafts]
         assert read.boxes.shape == (len(sample.instruments), 4)
         masks = dataset.masks(sample.key)
@@ -160,11 +160,11 @@ def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
     with tarfile.open(path) as tar:
         assert set(tar.getnames()) == {
             f"000000000.{suffix}"
-            for suffix in ("rgb.jpg", "camera.json", "gt.json", "gt_info.json", "mask_visib.json",
-                           "shaft.json")
+            for suffix in ("rgb.jpg", "camera.json", "gt.json", "gt_info.json", "mask.json",
+                           "mask_visib.json", "shaft.json")
         }  # fmt: skip
     parts = {name: json.loads(read_member(path, f"000000000.{name}.json"))
-             for name in ("camera", "gt", "gt_info", "shaft")}  # fmt: skip
+             for name in ("camera", "gt", "gt_info", "mask", "shaft")}  # fmt: skip
     # f = 64 / (2 tan 47.5 deg) = 29.322.
     expected = [29.322, 0, 32, 0, 29.322, 32, 0, 0, 1]
     np.testing.assert_allclose(parts["camera"]["cam_K"], expected, atol=1e-3)
@@ -178,8 +178,11 @@ def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
     # 3, 5, 20, 9 is 17 wide and 4 high; the amodal box is 4 wider; 17 * 4 = 68 px.
     assert info["bbox_visib"] == [3, 5, 17, 4]
     assert info["bbox_obj"] == [3, 5, 21, 4]
-    assert (info["px_count_visib"], info["px_count_all"]) == (68, 136)
-    assert info["visib_fract"] == 0.5
+    assert (info["px_count_visib"], info["px_count_all"]) == (68, 84)
+    assert info["visib_fract"] == 68 / 84
+    # 3 columns of 64 px and 5 px before the first run of 4; after 20 more columns the rest.
+    counts = parts["mask"]["0"]["counts"]
+    assert (counts[:4], len(counts)) == ([197, 4, 60, 4], 2 * 21 + 1)
     assert parts["shaft"]["shafts"][1] == {
         "x_mm": -4.0, "y_mm": 3.0, "z_mm": 31.0, "pitch_deg": 55.0, "yaw_deg": 1.0,
     }  # fmt: skip
@@ -381,17 +384,19 @@ def test_models_folder_describes_the_mesh(tmp_path: Path) -> None:
     assert "symmetries_continuous" not in info
 
 
-def test_the_ply_file_holds_the_mesh(tmp_path: Path) -> None:
+def test_the_ply_file_holds_the_mesh_in_triangles(tmp_path: Path) -> None:
     mesh = shaft_mesh(3.0, 150.0)
     write_models(tmp_path, mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
     head, _, body = (tmp_path / "obj_000001.ply").read_text().partition("end_header\n")
     assert head.startswith("ply\nformat ascii 1.0\n")
     assert f"element vertex {len(mesh.vertices)}\n" in head
-    assert f"element face {len(mesh.faces)}\n" in head
-    lines = body.splitlines()
-    assert len(lines) == len(mesh.vertices) + len(mesh.faces)
-    vertices = np.array([line.split() for line in lines[: len(mesh.vertices)]], dtype=float)
-    np.testing.assert_allclose(np.ptp(vertices, axis=0), [3, 3, 150], atol=1e-5)
-    np.testing.assert_allclose(vertices, mesh.vertices, atol=1e-6)
-    for line, face in zip(lines[len(mesh.vertices) :], mesh.faces, strict=True):
-        assert tuple(map(int, line.split())) == (len(face), *face)
+    faces = body.splitlines()[len(mesh.vertices) :]
+    assert f"element face {len(faces)}\n" in head
+    assert {line.split()[0] for line in faces} == {"3"}
+    read = trimesh.load(tmp_path / "obj_000001.ply")
+    np.testing.assert_allclose(read.extents, [3, 3, 150], atol=1e-5)
+    # Closed, and of the volume of a prism whose base has its corners on the rod's circle.
+    sides = sum(len(face) == 4 for face in mesh.faces)
+    base = sides / 2 * 1.5**2 * np.sin(2 * np.pi / sides)
+    assert read.is_watertight
+    assert read.volume == pytest.approx(150 * base, rel=1e-4)

@@ -5,6 +5,7 @@ Shaft frame: origin at the centre of the distal tip, +z from the tip towards the
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,17 +56,8 @@ class Camera:
 
     def rays(self, stride: int = 1) -> Array:
         """Directions (h, w, 3), with z = 1, through the centres of blocks of
-        `stride` x `stride` pixels; x and y are NaN where the camera shows nothing."""
-        u = np.arange(0, self.width, stride) + 0.5 * stride
-        v = np.arange(0, self.height, stride) + 0.5 * stride
-        x, y = np.meshgrid((u - self.cx) / self.focal_px, (v - self.cy) / self.focal_px)
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
-        if self.k1 or self.k2:
-            seen = np.hypot(x, y)
-            rays[..., :2] *= _ratio(self._undistorted(seen), seen)[..., None]
-        if self.field_px is not None:
-            rays[~self.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
-        return rays
+        `stride` x `stride` pixels; x and y are NaN where the camera shows nothing. Read-only."""
+        return _rays(self, stride)
 
     def shows(self, pixels: Array) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie in the image, and in its round field if it has one."""
@@ -97,6 +89,21 @@ class Camera:
 def _ratio(radius: Array, by: Array) -> Array:
     """radius / by, and 1 in the centre, where both are 0."""
     return np.divide(radius, by, out=np.ones_like(by), where=by > 0)
+
+
+@lru_cache(maxsize=8)  # a set has few cameras, and every annotation asks for their rays
+def _rays(camera: Camera, stride: int) -> Array:
+    u = np.arange(0, camera.width, stride) + 0.5 * stride
+    v = np.arange(0, camera.height, stride) + 0.5 * stride
+    x, y = np.meshgrid((u - camera.cx) / camera.focal_px, (v - camera.cy) / camera.focal_px)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    if camera.k1 or camera.k2:
+        seen = np.hypot(x, y)
+        rays[..., :2] *= _ratio(camera._undistorted(seen), seen)[..., None]
+    if camera.field_px is not None:
+        rays[~camera.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
+    rays.flags.writeable = False
+    return rays
 
 
 @dataclass(frozen=True)

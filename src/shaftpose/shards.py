@@ -1,8 +1,9 @@
 """Datasets on disk: tar shards in BOP's WebDataset form, written once and read by offset.
 
 A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
-`.mask_visib.json` (run lengths) and our own `.shaft.json`; see docs/data_format.md. The bytes of a
-shard depend on its samples alone: no time stamps, no user names.
+`.mask.json` and `.mask_visib.json` (run lengths) and our own `.shaft.json`; see
+docs/data_format.md. The bytes of a shard depend on its samples alone: no time stamps, no user
+names.
 """
 
 import io
@@ -12,6 +13,7 @@ import socket
 import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.geometry import Camera, ShaftPose, mask_box
 from shaftpose.images import decode_rgb, encode_jpeg
 from shaftpose.instruments import Annotations
 
@@ -28,16 +30,17 @@ SHAFT_OBJECT_ID = 1
 
 @dataclass(frozen=True)
 class Instrument:
-    """One shaft of one image. Boxes are x0, y0, x1, y1 px; `box` is that of the visible mask."""
+    """One shaft of one image: its visible pixels and all of them, hidden ones too, (H, W) each."""
 
     pose: ShaftPose
-    mask: NDArray[np.bool_]  # (H, W), the visible pixels
-    box: tuple[int, int, int, int]
-    amodal_box: tuple[int, int, int, int]
-    visible_fraction: float
-    visible_px: int
-    amodal_px: int
+    mask: NDArray[np.bool_]
+    amodal_mask: NDArray[np.bool_]
     roll_deg: float = 0.0  # about its axis, where that can be seen
+
+    @property
+    def visible_fraction(self) -> float:
+        """The share of its pixels that nothing hides."""
+        return int(self.mask.sum()) / int(self.amodal_mask.sum())
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,8 @@ def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
         "camera.json": _bop_camera(sample.camera),
         "gt.json": [_bop_pose(i) for i in sample.instruments],
         "gt_info.json": [_bop_info(i) for i in sample.instruments],
-        "mask_visib.json": {str(n): encode_mask(i.mask) for n, i in enumerate(sample.instruments)},
+        "mask.json": _masks([i.amodal_mask for i in sample.instruments]),
+        "mask_visib.json": _masks([i.mask for i in sample.instruments]),
         "shaft.json": {
             "shafts": [vars(i.pose) for i in sample.instruments],
             **sample.facts,
@@ -150,6 +154,10 @@ def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
     return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
         name: json.dumps(part).encode() for name, part in parts.items()
     }
+
+
+def _masks(masks: Sequence[NDArray[np.bool_]]) -> dict[str, Any]:
+    return {str(n): encode_mask(mask) for n, mask in enumerate(masks)}
 
 
 def _bop_camera(camera: Camera) -> dict[str, Any]:
@@ -171,12 +179,13 @@ def _bop_pose(instrument: Instrument) -> dict[str, Any]:
 
 
 def _bop_info(instrument: Instrument) -> dict[str, Any]:
+    pixels = int(instrument.amodal_mask.sum())
     return {
-        "bbox_obj": _corner_and_size(instrument.amodal_box),
-        "bbox_visib": _corner_and_size(instrument.box),
-        "px_count_all": instrument.amodal_px,
-        "px_count_valid": instrument.amodal_px,
-        "px_count_visib": instrument.visible_px,
+        "bbox_obj": _corner_and_size(mask_box(instrument.amodal_mask)),
+        "bbox_visib": _corner_and_size(mask_box(instrument.mask)),
+        "px_count_all": pixels,
+        "px_count_valid": pixels,
+        "px_count_visib": int(instrument.mask.sum()),
         "visib_fract": instrument.visible_fraction,
     }
 
@@ -355,11 +364,11 @@ def shard_paths(folder: Path) -> list[Path]:
 
 def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],
                  diameter_mm: float, length_mm: float, revolved: bool) -> None:  # fmt: skip
-    """BOP's models folder: the mesh and `models_info.json`.
+    """BOP's models folder: the mesh, of triangles as BOP's tools want it, and `models_info.json`.
 
-    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip; diameter_mm, length_mm: of the
-    rod that holds them, whose diagonal stands for the greatest distance of two vertices; revolved:
-    whether z is an axis of continuous symmetry.
+    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip; faces: the corners of convex
+    polygons; diameter_mm, length_mm: of the rod that holds them, whose diagonal stands for the
+    greatest distance of two vertices; revolved: whether z is an axis of continuous symmetry.
     """
     folder.mkdir(parents=True, exist_ok=True)
     low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
@@ -376,14 +385,21 @@ def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence
         ]
     (folder / "models_info.json").write_text(json.dumps(info, indent=1) + "\n")
     name = f"obj_{SHAFT_OBJECT_ID:06d}.ply"
-    (folder / name).write_text("\n".join(_ply_lines(vertices_mm, faces)) + "\n")
+    (folder / name).write_text("\n".join(_ply_lines(vertices_mm, _triangles(faces))) + "\n")
 
 
-def _ply_lines(vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]]) -> Iterator[str]:
+def _triangles(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:
+    """Fans around the first corner of each face."""
+    return [(first, *pair) for first, *rest in faces for pair in pairwise(rest)]
+
+
+def _ply_lines(
+    vertices_mm: NDArray[np.float64], triangles: Sequence[tuple[int, int, int]]
+) -> Iterator[str]:
     yield "ply\nformat ascii 1.0"
     yield "comment mm; origin at the distal tip, +z towards the handle"
     yield f"element vertex {len(vertices_mm)}"
     yield "property float x\nproperty float y\nproperty float z"
-    yield f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header"
+    yield f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header"
     yield from (f"{x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices_mm)
-    yield from (" ".join(str(n) for n in (len(face), *face)) for face in faces)
+    yield from (f"3 {a} {b} {c}" for a, b, c in triangles)

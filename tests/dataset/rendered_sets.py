@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shaftpose.config import RenderSettings, parse
 from shaftpose.dataset.image_checks import Body
 from shaftpose.dataset.set_checks import CheckedShard, ExpectedSet, check_shard
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 
 ROOT = Path(__file__).parents[2]
@@ -43,10 +43,7 @@ def silhouettes(poses: Sequence[ShaftPose], camera: Camera = CAMERA) -> list[NDA
 
 def instrument(pose: ShaftPose, mask: NDArray[np.bool_], camera: Camera = CAMERA) -> Instrument:
     """A shaft of which the mask is visible."""
-    whole = np.isfinite(cylinder_depth(camera, pose, 3.0, 150.0)) | mask
-    visible, pixels = int(mask.sum()), int(whole.sum())
-    boxes = mask_box(mask), mask_box(whole)
-    return Instrument(pose, mask, *boxes, visible / pixels, visible, pixels)
+    return Instrument(pose, mask, np.isfinite(cylinder_depth(camera, pose, 3.0, 150.0)) | mask)
 
 
 def sample(

@@ -25,7 +25,7 @@ from shaftpose.dataset.training_data import (
 )
 from shaftpose.dataset.transforms import UniformNoise
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import write_jpeg
 from shaftpose.instruments import Annotations
 from shaftpose.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
@@ -174,7 +174,7 @@ def write_shard(folder: Path, count: int) -> ShardedDataset:
     with ShardWriter(folder / "shard-000000.tar", 95) as writer:
         for n in range(count):
             pose = ShaftPose(float(n), -2.0, 20.0, 70.0, 123.0)
-            shaft = Instrument(pose, mask, mask_box(mask), mask_box(mask), 1.0, 192, 192)
+            shaft = Instrument(pose, mask, mask)
             rgb = np.full((SIZE, SIZE, 3), 10 * n, dtype=np.uint8)
             camera = Camera.from_field_of_view(SIZE, SIZE, 95.0)
             writer.write(Sample(sample_key(n), rgb, (shaft,) if n else (), camera, {}))

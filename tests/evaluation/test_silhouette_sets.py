@@ -28,7 +28,7 @@ DISTORTED = replace(CAMERA, k1=-0.02, k2=0.01, field_px=30.0)
 def write_rendered(folder: Path) -> None:
     """One image with one shaft."""
     pose = ShaftPose.from_array(np.array([0.0, 0.0, 20.0, 70.0, 10.0]))
-    shaft = Instrument(pose, MASK, BOX, BOX, 1.0, int(MASK.sum()), int(MASK.sum()))
+    shaft = Instrument(pose, MASK, MASK)
     with ShardWriter(folder / shard_name(0), jpeg_quality=90) as writer:
         writer.write(Sample(sample_key(0), GREY, (shaft,), DISTORTED, {}))
 

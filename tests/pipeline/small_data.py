@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from shaftpose.dataset.split import Split, write_split
-from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import write_jpeg
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 
@@ -38,8 +38,7 @@ def sample(index: int) -> Sample:
         mask[top : top + 120, left : left + 60] = True
         rgb[mask] += 100
         pose = ShaftPose(*rng.uniform([-20, -20, 10, 50, 0], [20, 20, 40, 90, 358]).tolist())
-        box = mask_box(mask)
-        shafts.append(Instrument(pose, mask, box, box, 1.0, int(mask.sum()), int(mask.sum())))
+        shafts.append(Instrument(pose, mask, mask))
     camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
     return Sample(sample_key(index), rgb, tuple(shafts), camera, {"source": f"s{index}"})
 

@@ -13,7 +13,7 @@ import torch
 from shaftpose.backgrounds.library import write_library
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose, mask_box
+from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import write_jpeg
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from tests.pipeline.conftest import ROOT, Run
@@ -110,9 +110,8 @@ def write_shard(folder: Path, images: int) -> Path:
     """A shard of small images with one shaft each."""
     mask = np.zeros((64, 64), dtype=bool)
     mask[20:30, 10:50] = True
-    box, pixels = mask_box(mask), int(mask.sum())
     pose = ShaftPose(0.0, 0.0, 20.0, 70.0, 120.0)
-    shaft = Instrument(pose, mask, box, box, 1.0, pixels, pixels)
+    shaft = Instrument(pose, mask, mask)
     camera = Camera.from_field_of_view(64, 64, 95.0)
     rgb = np.full((64, 64, 3), 90, dtype=np.uint8)
     path = folder / shard_name(0)

@@ -69,7 +69,7 @@ def check_image(
     least = LEAST_IOU_DISTORTED if camera.k1 or camera.k2 else LEAST_IOU
     found = [
         *_problems(image, settings, camera, body, backgrounds),
-        *_extents(image, depths),
+        *_unlike_cylinders(image, depths),
         *_unlike_silhouettes(ious, least),
         *_outside_silhouettes(image, depths, 1 - least),
     ]
@@ -121,7 +121,7 @@ def _problems(
     for n, pose in enumerate(facts.shafts):
         least = settings.scene.min_visible_px
         for problem in (
-            *_mask(image.masks[n], image.extents[n], least),
+            *_masks(image.masks[n], image.amodal_masks[n], image.extents[n], least),
             *_model_pose(image.model_poses[n], pose, facts.rolls[n]),
             *_pose(pose, settings.poses, camera),
         ):
@@ -195,50 +195,40 @@ def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[s
         )
 
 
-def _mask(mask: NDArray[np.bool_], extent: Extent, least_px: int) -> Iterator[str]:
-    """Box, counts and fraction against the visible mask (H, W)."""
-    visible, whole = int(mask.sum()), extent.px_count_all
+def _masks(
+    mask: NDArray[np.bool_], amodal: NDArray[np.bool_], extent: Extent, least_px: int
+) -> Iterator[str]:
+    """Boxes, counts and fraction against the visible and the amodal mask (H, W)."""
+    visible, whole = int(mask.sum()), int(amodal.sum())
     if visible < least_px:
         yield f"mask of {visible} px: fewer than scene.min_visible_px = {least_px}"
+    outside = int(np.sum(mask & ~amodal))
+    if outside:
+        yield f"{outside} px of its visible mask are not in its amodal mask"
     if extent.px_count_visib != visible:
         yield f"px_count_visib = {extent.px_count_visib}: the mask has {visible} px"
+    if extent.px_count_all != whole:
+        yield f"px_count_all = {extent.px_count_all}: the amodal mask has {whole} px"
     if extent.px_count_valid != whole:
-        yield f"px_count_valid = {extent.px_count_valid}: px_count_all is {whole}"
-    if whole > 0 and abs(extent.visib_fract - visible / whole) > _ROUNDING:
+        yield f"px_count_valid = {extent.px_count_valid}: the amodal mask has {whole} px"
+    if whole and abs(extent.visib_fract - visible / whole) > _ROUNDING:
         yield f"visib_fract = {extent.visib_fract}: {visible} of {whole} px are {visible / whole}"
     if visible and extent.bbox_visib != _corner_and_size(mask):
         yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {_corner_and_size(mask)}"
+    if whole and extent.bbox_obj != _corner_and_size(amodal):
+        yield f"bbox_obj = {extent.bbox_obj}: the amodal extent is {_corner_and_size(amodal)}"
 
 
-def _extents(image: AnnotatedImage, depths: list[Array] | None) -> Iterator[str]:
-    """The extents of whole shafts against their cylinders, or, of instruments that are no plain
-    rod, against the visible masks alone."""
-    for n, (mask, extent) in enumerate(zip(image.masks, image.extents, strict=True)):
-        found = _roomy(mask, extent) if depths is None else _exact(mask, depths[n], extent)
-        for problem in found if mask.any() else ():
-            yield f"shaft {n}: {problem}"
-
-
-def _exact(mask: NDArray[np.bool_], depth: Array, extent: Extent) -> Iterator[str]:
-    # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
-    whole = np.isfinite(depth) | mask
-    pixels, box = int(whole.sum()), _corner_and_size(whole)
-    if extent.px_count_all != pixels:
-        yield f"px_count_all = {extent.px_count_all}: the silhouette of its pose has {pixels} px"
-    if extent.bbox_obj != box:
-        yield f"bbox_obj = {extent.bbox_obj}: the extent of its pose's silhouette is {box}"
-
-
-def _roomy(mask: NDArray[np.bool_], extent: Extent) -> Iterator[str]:
-    visible, (x0, y0, x1, y1) = int(mask.sum()), mask_box(mask)
-    if extent.px_count_all < visible:
-        yield f"px_count_all = {extent.px_count_all}: the mask alone has {visible} px"
-    left, top, width, height = extent.bbox_obj
-    right, bottom = left + width, top + height
-    if left > x0 or top > y0 or right < x1 or bottom < y1:
-        yield f"bbox_obj = {extent.bbox_obj}: does not contain the mask"
-    if min(left, top) < 0 or right > mask.shape[1] or bottom > mask.shape[0]:
-        yield f"bbox_obj = {extent.bbox_obj}: leaves the image"
+def _unlike_cylinders(image: AnnotatedImage, depths: list[Array] | None) -> Iterator[str]:
+    """The amodal masks of plain rods against the cylinders at their poses."""
+    if depths is None:
+        return
+    each = zip(image.masks, image.amodal_masks, depths, strict=True)
+    for n, (mask, amodal, depth) in enumerate(each):
+        # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
+        wrong = int(np.sum(amodal != (np.isfinite(depth) | mask)))
+        if wrong:
+            yield f"shaft {n}: {wrong} px of its amodal mask differ from its pose's silhouette"
 
 
 def _corner_and_size(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:

@@ -66,7 +66,7 @@ class Extent:
 
 @pydantic.dataclasses.dataclass(frozen=True)
 class _RunLengths:
-    """An entry of mask_visib.json."""
+    """An entry of mask.json or mask_visib.json."""
 
     counts: list[Count]
     size: tuple[int, int]
@@ -114,6 +114,7 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
     "camera.json": TypeAdapter(CameraFacts),
     "gt.json": TypeAdapter(list[ModelPose]),
     "gt_info.json": TypeAdapter(list[Extent]),
+    "mask.json": TypeAdapter(dict[str, _RunLengths]),
     "mask_visib.json": TypeAdapter(dict[str, _RunLengths]),
     "shaft.json": TypeAdapter(SceneFacts),
 }
@@ -123,7 +124,7 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
 class AnnotatedImage:
     """One image (H, W, 3) and all that its members say of it, shaft after shaft in each list.
 
-    masks: (H, W) each, the visible pixels.
+    masks: (H, W) each, the visible pixels; amodal_masks: (H, W) each, hidden ones too.
     """
 
     jpeg: bytes
@@ -132,6 +133,7 @@ class AnnotatedImage:
     model_poses: list[ModelPose]
     extents: list[Extent]
     masks: list[NDArray[np.bool_]]
+    amodal_masks: list[NDArray[np.bool_]]
     facts: SceneFacts
 
 
@@ -145,7 +147,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     rgb = _decode(jpeg, size_px)
     parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
     facts: SceneFacts = parts["shaft.json"]
-    for suffix in ("gt.json", "gt_info.json", "mask_visib.json"):
+    for suffix in ("gt.json", "gt_info.json", "mask.json", "mask_visib.json"):
         _agree(len(parts[suffix]), len(facts.shafts), suffix)
     _agree(len(facts.steels), len(facts.shafts), "shaft.json: steels")
     _agree(len(facts.rolls), len(facts.shafts), "shaft.json: rolls_deg")
@@ -155,7 +157,8 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
         camera=parts["camera.json"],
         model_poses=parts["gt.json"],
         extents=parts["gt_info.json"],
-        masks=_masks(parts["mask_visib.json"], size_px),
+        masks=_masks(parts["mask_visib.json"], "mask_visib.json", size_px),
+        amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
         facts=facts,
     )
 
@@ -191,17 +194,19 @@ def _agree(found: int, shafts: int, where: str) -> None:
         raise InputError(f"{where}: {found} entries for the {shafts} shafts of shaft.json")
 
 
-def _masks(encoded: Mapping[str, _RunLengths], size_px: int) -> list[NDArray[np.bool_]]:
+def _masks(
+    encoded: Mapping[str, _RunLengths], suffix: str, size_px: int
+) -> list[NDArray[np.bool_]]:
     """The masks in the order of their numbers."""
     masks = []
     for number in range(len(encoded)):
         runs = encoded.get(str(number))
         if runs is None:
-            raise InputError(f"mask_visib.json: no mask {number}, though there are {len(encoded)}")
+            raise InputError(f"{suffix}: no mask {number}, though there are {len(encoded)}")
         pixels = sum(runs.counts)
         if runs.size != (size_px, size_px) or pixels != size_px**2:
             raise InputError(
-                f"mask_visib.json: mask {number} has {pixels} px and the size {runs.size}, not "
+                f"{suffix}: mask {number} has {pixels} px and the size {runs.size}, not "
                 f"{size_px} x {size_px}"
             )
         masks.append(decode_mask({"counts": runs.counts, "size": runs.size}))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import cylinder_depth, mask_box
+from shaftpose.geometry import cylinder_depth
 from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
@@ -89,17 +89,7 @@ class Generator:
         """The annotation of one shaft whose visible mask is not empty."""
         # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
         amodal = self._whole(scene, number) | mask
-        visible, whole = int(mask.sum()), int(amodal.sum())
-        return Instrument(
-            pose=scene.shafts[number],
-            mask=mask,
-            box=mask_box(mask),
-            amodal_box=mask_box(amodal),
-            visible_fraction=visible / whole,
-            visible_px=visible,
-            amodal_px=whole,
-            roll_deg=scene.rolls_deg[number],
-        )
+        return Instrument(scene.shafts[number], mask, amodal, scene.rolls_deg[number])
 
     def _whole(self, scene: Scene, number: int) -> NDArray[np.bool_]:
         """All pixels (H, W) of a shaft, hidden ones too: by geometry, or rendered alone."""
