@@ -292,7 +292,8 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
     render(tmp_path / "alone", forceps_settings, backgrounds, [last])
     one, all_of_them = ShardedDataset(tmp_path / "alone"), ShardedDataset(forceps_folder)
     assert one.keys == [sample_key(last)]
-    for suffix in ("rgb.jpg", "gt.json", "gt_info.json", "mask_visib.json", "shaft.json"):
+    for suffix in ("rgb.jpg", "gt.json", "gt_info.json", "mask.json", "mask_visib.json",
+                   "shaft.json"):  # fmt: skip
         members = (shards._location(sample_key(last), suffix) for shards in (one, all_of_them))
         first, second = (member.read() for member in members)
         assert first == second, suffix
