@@ -1,7 +1,7 @@
 """One rendered image as it lies in a shard: its members read strictly, value by value.
 
-The members are read as BOP's tools read them, not by `ShardedDataset`: whatever looks for mistakes
-in a finished dataset should not share the reader that trainings use.
+The members are read one by one, not by `ShardedDataset`: whatever looks for mistakes in a finished
+dataset should not share the reader that trainings use.
 """
 
 from collections.abc import Mapping
