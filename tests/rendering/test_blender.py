@@ -65,9 +65,7 @@ def extent(mask: NDArray[np.bool_]) -> tuple[int, ...]:
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
 
 
-def projected_rod(
-    camera: Camera, pose: ShaftPose, settings: RenderSettings
-) -> NDArray[np.float32]:
+def projected_rod(camera: Camera, pose: ShaftPose, settings: RenderSettings) -> NDArray[np.float32]:
     """(N, 2) corners, px, of a shaft's outline in the image: of the hull of points of its surface,
     for a rod is convex. It shares nothing with the rays that annotate what is hidden."""
     radius, angles = settings.shaft.diameter_mm / 2, np.linspace(0, 2 * np.pi, 96, endpoint=False)
