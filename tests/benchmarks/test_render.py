@@ -11,10 +11,10 @@ import pytest
 
 from benchmarks.render import AIMS, table
 from benchmarks.rendering import profile
-from benchmarks.rendering.common import parameters
+from benchmarks.rendering.common import ROOT, parameters
 from benchmarks.rendering.memory import memory_mib
 from benchmarks.rendering.quality import psnr_db
-from benchmarks.rendering.scenes import read_first_scenes, write_first_scenes
+from benchmarks.rendering.scenes import read_first_scenes
 from benchmarks.rendering.throughput import Block, summary
 from shaftpose.config import RenderSettings, parse
 from shaftpose.images import write_jpeg
@@ -99,21 +99,28 @@ def rendered(tmp_path: Path) -> RenderedSet:
     )
 
 
+# Whoever starts processes for Blender shall not hold it, as the process of the tests may.
+WRITE_FIRST_SCENES = """
+import sys
+from pathlib import Path
+from benchmarks.rendering.scenes import write_first_scenes
+from shaftpose.rendering.jobs import read_set
+folder, count = Path(sys.argv[1]), int(sys.argv[2])
+write_first_scenes(read_set(folder), count, folder)
+"""
+
+
 def test_the_plain_script_renders_the_scenes_of_our_images(
     rendered: RenderedSet, tmp_path: Path
 ) -> None:
-    write_first_scenes(rendered, IMAGES, tmp_path)
-    scenes = read_first_scenes(tmp_path)
     write_set(rendered, tmp_path)
+    count = str(IMAGES)
+    subprocess.run(
+        [sys.executable, "-c", WRITE_FIRST_SCENES, str(tmp_path), count], cwd=ROOT, check=True
+    )
+    scenes = read_first_scenes(tmp_path)
     shard = Shard(tmp_path / shard_name(0), 0, IMAGES)
-    command = [
-        sys.executable,
-        "-m",
-        "shaftpose.rendering.worker",
-        str(shard.path),
-        "0",
-        str(IMAGES),
-    ]
+    command = [sys.executable, "-m", "shaftpose.rendering.worker", str(shard.path), "0", count]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.wait()
     facts = map(ShardedDataset(tmp_path).facts, map(sample_key, range(IMAGES)))
