@@ -6,11 +6,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from shaftpose.cli import main
 from shaftpose.deployment.onnx_export import store_metadata
 from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.images import write_jpeg
 from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+
+Places = list[tuple[int, int]]
 
 FIRST = {
     "score": 0.75, "box": [10.0, 20.0, 110.0, 220.0],
@@ -95,18 +99,64 @@ def test_an_unreadable_image_ends_with_one_line(
         )
 
 
+def lightness(path: Path) -> NDArray[np.uint8]:
+    """(H, W) of a picture, whose JPEG leaves little of a thin line's colour."""
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+
+
+def assert_drawn(picture: NDArray[np.uint8], light: Places, dark: Places) -> None:
+    """That of a black image the places (row, column) `light` are drawn on, and `dark` are not."""
+    assert min(picture[place] for place in light) > 60
+    assert max(picture[place] for place in dark) < 40
+
+
 def test_show_draws_as_many_images_as_there_are(tmp_path: Path) -> None:
     camera = Camera.from_field_of_view(299, 299, 95.0)
     mask = np.zeros((299, 299), dtype=bool)
-    mask[50:100, 60:160] = True
-    shaft = Instrument(ShaftPose(0.0, 0.0, 25.0, 70.0, 30.0), mask, mask)
+    mask[60:90, 80:140] = True
+    mask[50:100, 100:102] = mask[84:86, 60:160] = True  # thin bars, so that the box is larger
+    # From the centre to the right.
+    shaft = Instrument(ShaftPose(0.0, 0.0, 20.0, 90.0, 0.0), mask, mask)
+    rgb = np.zeros((299, 299, 3), dtype=np.uint8)
     with ShardWriter(tmp_path / shard_name(0), 95) as shard:
         for index in range(3):
-            rgb = np.full((299, 299, 3), 60 * index, dtype=np.uint8)
             shard.write(Sample(sample_key(index), rgb, (shaft,), camera, {}))
     out = tmp_path / "sheet.jpg"
     main(["show", "dataset", str(tmp_path), "--out", str(out), "--count", "9", "--columns", "2"])
-    sheet = cv2.imread(str(out))
-    assert sheet.shape[0] >= 2 * 299
-    assert sheet.shape[1] >= 2 * 299
-    assert np.ptp(sheet) > 100
+    sheet = lightness(out)
+    assert sheet.shape == (2 * 299, 2 * 299)
+    for row, column in ((0, 0), (0, 299), (299, 0)):
+        image = sheet[row : row + 299, column : column + 299]
+        box_mask_axis = [(50, 70), (75, 159), (60, 110), (75, 80), (149, 200)]
+        assert_drawn(image, box_mask_axis, [(75, 110), (149, 100), (200, 200)])
+        assert np.max(image[280:299, 4:200]) > 100  # the pose in figures
+    assert sheet[305:, 305:].max() < 40
+
+
+def test_show_draws_real_images(tmp_path: Path) -> None:
+    """Two of different sizes: of 400 x 300 the square begins at column 50, 600 x 600 is halved."""
+    content = {
+        "train": (400, 300, {"bbox": [100, 100, 100, 50]}),
+        "test": (600, 600, {"bbox": [100, 100, 400, 400],
+                            "segmentation": [[200, 200, 400, 200, 400, 400, 200, 400]]}),
+    }  # fmt: skip
+    for name, (width, height, shaft) in content.items():
+        file = f"images/{name}.jpg"
+        write_jpeg(np.zeros((height, width, 3), dtype=np.uint8), tmp_path / file)
+        image = {"id": 1, "file_name": file, "width": width, "height": height}
+        listed = {"images": [image], "annotations": [{"image_id": 1, **shaft}]}
+        (tmp_path / f"{name}.json").write_text(json.dumps(listed))
+    (tmp_path / "about.json").write_text("{}")
+    out = tmp_path / "sheet.jpg"
+    main(["show", "dataset", str(tmp_path), "--out", str(out)])
+    sheet = lightness(out)
+    assert sheet.shape == (300, 5 * 300)
+    train, test = sheet[:, :300], sheet[:, 300:600]
+    assert_drawn(train, [(100, 80), (149, 80), (120, 50), (120, 149)], [(120, 100), (200, 200)])
+    box, mask = [(50, 150), (249, 150), (150, 50)], [(100, 150), (199, 150), (150, 199)]
+    assert_drawn(test, box + mask, [(150, 150), (75, 75), (20, 20)])
+
+
+def test_show_names_a_folder_without_a_dataset(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=rf"^error: {tmp_path}: no shard"):
+        main(["show", "dataset", str(tmp_path), "--out", str(tmp_path / "sheet.jpg")])

@@ -1,4 +1,8 @@
-"""Resident memory of one worker process over many images."""
+"""Resident memory of one worker process over many images.
+
+It is that of the process that renders. The Dask worker that starts one such process after another
+is not counted; it holds no image.
+"""
 
 import subprocess
 import sys
@@ -7,8 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-
-import psutil
 
 from benchmarks.rendering.common import SCRATCH
 from shaftpose.errors import InputError
@@ -20,17 +22,18 @@ EVERY = 50  # images between two looks
 
 
 def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
-    """Growth after the first `settled` images, and the peak in MiB."""
+    """Growth after the first `settled` images, and the peak of all the time, in MiB."""
     with TemporaryDirectory(dir=SCRATCH) as name:
         shard = Shard(Path(name) / shard_name(0), 0, images)
         write_set(replace(rendered, images=images, images_per_shard=images), Path(name))
-        resident = list(_resident_mib(shard))
+        looks = list(_looks(shard))
         if not shard.is_finished():
             log = shard.log.read_text()[-2000:]
             raise InputError(f"the worker did not finish its shard; its log ends with: {log}")
+    resident = [look["VmRSS"] for look in looks]
     return {
         "rss_growth": resident[-1] / resident[settled // EVERY - 1] - 1,
-        "rss_mib": max(resident),
+        "rss_mib": looks[-1]["VmHWM"],
         "images": images,
         "settled": settled,
         "every": EVERY,
@@ -38,15 +41,22 @@ def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
     }
 
 
-def _resident_mib(shard: Shard) -> Iterator[float]:
+def _looks(shard: Shard) -> Iterator[dict[str, float]]:
     """The memory of a worker at every so many images of its shard."""
     arguments = [str(value) for value in (shard.path, shard.first, shard.count)]
     command = [sys.executable, "-m", "shaftpose.rendering.worker", *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-        watched, images = psutil.Process(process.pid), 0
+        images = 0
         assert process.stdout
         for line in process.stdout:
             images += line.strip() == IMAGE_DONE
             if images and images % EVERY == 0:
-                yield watched.memory_info().rss / 2**20
+                yield memory_mib(process.pid)
+
+
+def memory_mib(pid: int) -> dict[str, float]:
+    """MiB that a process holds now (`VmRSS`) and has held at most (`VmHWM`), as Linux says."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    sizes = (line.split() for line in lines if line.startswith(("VmRSS:", "VmHWM:")))
+    return {name.rstrip(":"): int(kib) / 1024 for name, kib, _ in sizes}

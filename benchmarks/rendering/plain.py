@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.rendering.common import ROOT, SCRATCH, in_processes, quiet_generator
+from benchmarks.rendering.scenes import write_first_scenes
 from shaftpose.rendering.jobs import RenderedSet, write_set
 from shaftpose.shards import encode_sample
 
@@ -58,7 +59,8 @@ def _plain_seconds(rendered: RenderedSet, poses: int) -> list[float]:
     with TemporaryDirectory(dir=SCRATCH) as name:
         folder = Path(name)
         write_set(rendered, folder)
-        command = [sys.executable, "-m", "benchmarks.rendering.plain_bpy", name, str(poses)]
+        write_first_scenes(rendered, poses, folder)
+        command = [sys.executable, "-m", "benchmarks.rendering.plain_bpy", name]
         with (folder / "log").open("w") as log:
             subprocess.run(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, check=True)
         seconds: list[float] = json.loads((folder / "plain.json").read_text())

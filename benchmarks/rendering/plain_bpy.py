@@ -1,6 +1,7 @@
-"""A renderer as people write it first: `python -m benchmarks.rendering.plain_bpy SET COUNT`.
+"""A renderer as people write it first: `python -m benchmarks.rendering.plain_bpy SET`.
 
-SET is a folder with the description of a rendered set; its first COUNT images are rendered into it.
+SET is a folder with the description of a rendered set and the scenes of its first images, which are
+rendered into it.
 Blender's defaults stay, denoiser and adaptive sampling among them, but for 64 samples: every frame
 is rendered in full on all cores, written as PNG, and rendered once more, flat white, for its mask.
 Mesh, materials, light and poses are those of the project. Seconds per image go to `plain.json`.
@@ -16,7 +17,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from benchmarks.rendering.scenes import first_scenes
+from benchmarks.rendering.scenes import read_first_scenes
 from shaftpose.config import RenderSettings
 from shaftpose.geometry import ShaftPose
 from shaftpose.rendering.blender import kelvin_to_rgb, lamp_places, room_half_mm, room_mesh
@@ -33,11 +34,11 @@ _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's camera looks along -z with 
 
 def main() -> None:
     """Render the images and note the seconds of each."""
-    folder, count = Path(sys.argv[1]), int(sys.argv[2])
+    folder = Path(sys.argv[1])
     rendered = read_set(folder)
     studio = build(rendered.settings)
     seconds = []
-    scenes = list(first_scenes(rendered, count))
+    scenes = read_first_scenes(folder)
     show(studio, scenes[0], rendered.settings)
     write(studio, folder / "first")  # it loads what later ones find loaded
     for number, scene in enumerate(scenes):

@@ -1,10 +1,48 @@
 """The scenes of a set's first images."""
 
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.rendering.common import in_processes, quiet_generator
+from shaftpose.config import from_json, to_json
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.scene import Scene, SceneSampler
 
+_FILE = "scenes.json"
 
-def first_scenes(rendered: RenderedSet, count: int) -> list[Scene]:
-    """What images 0 .. count - 1 show: without occluders, each is the first draw."""
+
+@dataclass(frozen=True)
+class FirstScenes:
+    """What images 0 .. count - 1 of a set show."""
+
+    scenes: tuple[Scene, ...]
+
+
+@dataclass(frozen=True)
+class _Task:
+    rendered: RenderedSet
+    count: int
+
+
+def write_first_scenes(rendered: RenderedSet, count: int, folder: Path) -> None:
+    """Find the scenes, in a process of their own, for one that has another Blender scene."""
+    (found,) = in_processes(_first_scenes, [_Task(rendered, count)], at_once=1)
+    (folder / _FILE).write_text(to_json(FirstScenes(found)))
+
+
+def read_first_scenes(folder: Path) -> tuple[Scene, ...]:
+    """The scenes that `write_first_scenes` has put into a folder."""
+    return from_json(FirstScenes, folder / _FILE).scenes
+
+
+def _first_scenes(task: _Task) -> tuple[Scene, ...]:
+    """Of each image the draw that the generator accepts: it may refuse the first."""
+    rendered = task.rendered
     sampler = SceneSampler(rendered.settings, tuple(rendered.backgrounds), rendered.seed)
-    return [next(sampler.candidates(index)) for index in range(count)]
+    scenes = []
+    with quiet_generator(rendered) as generator:
+        for index in range(task.count):
+            shafts = tuple(shaft.pose for shaft in generator.sample(index).instruments)
+            draws = sampler.candidates(index)
+            scenes.append(next(scene for scene in draws if scene.shafts == shafts))
+    return tuple(scenes)

@@ -32,27 +32,25 @@ class Block:
     rate: float
 
 
-def measure(rendered: RenderedSet, images: int, rounds: int) -> dict[str, Any]:
-    """`images` by two workers and half of them by one, in turn, so that what else the machine does
-    hits both."""
-    share = images // (rounds * WORKERS)
-    pairs = [(_block(rendered, 1, share), _block(rendered, WORKERS, share)) for _ in range(rounds)]
-    alone, together = ([pair[n] for pair in pairs] for n in (0, 1))
-    count = sum(block.images for block in together)
+def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
+    """`images` by two workers; before and after it half of them by one, so that a machine that
+    grows slower or faster meanwhile does so for both."""
+    share = images // WORKERS
+    return summary(*(_block(rendered, workers, share) for workers in (1, WORKERS, 1)))
+
+
+def summary(before: Block, together: Block, after: Block) -> dict[str, Any]:
+    """What a run of all workers and two of one say, one before and one after it."""
+    alone_rate = 2 / (1 / before.rate + 1 / after.rate)  # of equal numbers of images
     return {
-        "images_per_s": count / sum(block.wall_s for block in together),
-        "two_worker_speedup": _rate(together) / _rate(alone),
-        "bytes_per_image": sum(block.bytes for block in together) / count,
-        "steady_images_per_s": {"1": _rate(alone), str(WORKERS): _rate(together)},
-        "start_s": sum(block.start_s for block in together) / rounds,
-        "images": count,
-        "images_per_shard": share,
+        "images_per_s": together.images / together.wall_s,
+        "two_worker_speedup": together.rate / alone_rate,
+        "bytes_per_image": together.bytes / together.images,
+        "steady_images_per_s": {"1": alone_rate, str(WORKERS): together.rate},
+        "start_s": together.start_s,
+        "images": together.images,
+        "images_per_shard": before.images,
     }
-
-
-def _rate(blocks: list[Block]) -> float:
-    """Images/s over blocks of equal numbers of images."""
-    return len(blocks) / sum(1 / block.rate for block in blocks)
 
 
 def _block(rendered: RenderedSet, workers: int, share: int) -> Block:

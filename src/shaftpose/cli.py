@@ -9,11 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from shaftpose.backgrounds.library import read_library
-from shaftpose.deployment.overlay import contact_sheet, draw_detections, draw_sample, spread
+from shaftpose.dataset.coco import RealImage, load_square, read_coco
+from shaftpose.deployment.overlay import (
+    contact_sheet,
+    draw_detections,
+    draw_real,
+    draw_sample,
+    spread,
+)
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.geometry import Camera
-from shaftpose.images import centre_square, read_rgb, write_jpeg
+from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
 from shaftpose.instruments import POSE_DIMENSIONS, Detections
 from shaftpose.shards import ShardedDataset
 
@@ -46,7 +53,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
 
 def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=("dataset", "backgrounds"))
-    parser.add_argument("folder", type=Path, help="a folder of shards, or of backgrounds")
+    parser.add_argument("folder", type=Path, help="of shards, real images or backgrounds")
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
     parser.add_argument("--count", type=positive, default=20, help="number of images (20)")
     parser.add_argument("--columns", type=positive, default=5, help="images in a row (5)")
@@ -110,8 +117,23 @@ def show(options: argparse.Namespace) -> None:
     if options.what == "backgrounds":
         library = read_library(options.folder)
         chosen = [read_rgb(background.path) for background in spread(library, options.count)]
+    elif real := real_images(options.folder):
+        chosen = draw_squares(spread(real, options.count))
     else:
         shards = ShardedDataset(options.folder)
         chosen = [draw_sample(shards, key) for key in spread(shards.keys, options.count)]
     write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
     print(f"{len(chosen)} images are drawn in {options.out}")
+
+
+def real_images(folder: Path) -> list[RealImage]:
+    """What the COCO files of a folder list; nothing if it has none."""
+    files = [folder / name for name in ("train.json", "test.json")]
+    return [image for file in files if file.is_file() for image in read_coco(file)]
+
+
+def draw_squares(images: Sequence[RealImage]) -> list[Image]:
+    """Central squares, all of the smallest one's size, with boxes and, where known, masks."""
+    side_px = min(min(image.width, image.height) for image in images)
+    squares = [load_square(image, side_px) for image in images]
+    return [draw_real(square.rgb, square.masks, square.boxes) for square in squares]

@@ -1,5 +1,8 @@
 """The rendering benchmark's own arithmetic, and the scenes it compares itself on."""
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +11,18 @@ import pytest
 
 from benchmarks.render import AIMS, table
 from benchmarks.rendering import profile
+from benchmarks.rendering.common import ROOT, parameters
+from benchmarks.rendering.memory import memory_mib
 from benchmarks.rendering.quality import psnr_db
+from benchmarks.rendering.scenes import read_first_scenes
+from benchmarks.rendering.throughput import Block, summary
+from shaftpose.config import RenderSettings, parse
+from shaftpose.images import write_jpeg
+from shaftpose.rendering.jobs import RenderedSet, Shard, write_set
+from shaftpose.rendering.scene import SceneSampler
+from shaftpose.shards import ShardedDataset, sample_key, shard_name
+
+IMAGES = 4
 
 MET: dict[str, Any] = {
     "images_per_s": 10.0, "psnr_db": 38.0, "speedup_vs_plain": 15.0, "two_worker_speedup": 1.8,
@@ -43,6 +57,101 @@ def test_the_table_says_which_aims_are_met(values: dict[str, Any], word: str) ->
 def test_the_table_of_one_part_leaves_the_others_out() -> None:
     lines = table({"memory": {"rss_growth": 0.01, "rss_mib": 400.0}})
     assert len(lines) == 3
+
+
+def point(samples: int, psnr_db: float, seconds: float) -> dict[str, float]:
+    return {"samples": samples, "psnr_db": psnr_db, "psnr_db_least": 20.0, "seconds": seconds}
+
+
+def test_the_table_says_what_the_wanted_psnr_costs() -> None:
+    curve = [point(8, 34.5, 0.4), point(32, 38.0, 1.25), point(64, 39.0, 2.0)]
+    lines = table({"quality": {"psnr_db": 34.5, "curve": curve}})
+    assert lines[-1] == "38 dB take 32 samples: 0.8 images/s on one core"
+    lines = table({"quality": {"psnr_db": 34.5, "curve": curve[:1]}})
+    assert lines[-1] == "38 dB are not reached"
+
+
+def block(workers: int, rate: float, wall_s: float) -> Block:
+    return Block(images=50 * workers, bytes=9000 * workers, start_s=4.0, wall_s=wall_s, rate=rate)
+
+
+def test_the_throughput_of_one_and_of_two_workers_by_hand() -> None:
+    # Of a machine that grows slower: 6 images/s by one worker before the two, 3 after them.
+    found = summary(block(1, 6.0, 12.0), block(2, 7.2, 20.0), block(1, 3.0, 20.0))
+    assert found["images_per_s"] == pytest.approx(5.0)  # 100 in 20 s
+    assert found["steady_images_per_s"] == pytest.approx({"1": 4.0, "2": 7.2})
+    assert found["two_worker_speedup"] == pytest.approx(1.8)
+    assert found["bytes_per_image"] == pytest.approx(180.0)
+
+
+@pytest.fixture
+def rendered(tmp_path: Path) -> RenderedSet:
+    """A set of which the generator refuses many a draw: lumps of tissue shall hide a given part."""
+    values = parameters()
+    parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
+    parts["scene"] = parts["scene"] | {"occluder_probability": 1, "occluder_coverage": [0.2, 0.5]}
+    settings = parse(RenderSettings, parts | {"samples": 1, "jpeg_quality": 95}, "params.yaml")
+    size = settings.camera.size_px
+    background = tmp_path / "background.jpg"
+    write_jpeg(np.full((size, size, 3), 90, dtype=np.uint8), background)
+    return RenderedSet(
+        settings, {background: "grey"}, seed=3, images=IMAGES, images_per_shard=IMAGES
+    )
+
+
+# Whoever starts processes for Blender shall not hold it, as the process of the tests may.
+WRITE_FIRST_SCENES = """
+import sys
+from pathlib import Path
+from benchmarks.rendering.scenes import write_first_scenes
+from shaftpose.rendering.jobs import read_set
+folder, count = Path(sys.argv[1]), int(sys.argv[2])
+write_first_scenes(read_set(folder), count, folder)
+"""
+
+
+def test_the_plain_script_renders_the_scenes_of_our_images(
+    rendered: RenderedSet, tmp_path: Path
+) -> None:
+    write_set(rendered, tmp_path)
+    count = str(IMAGES)
+    subprocess.run(
+        [sys.executable, "-c", WRITE_FIRST_SCENES, str(tmp_path), count], cwd=ROOT, check=True
+    )
+    scenes = read_first_scenes(tmp_path)
+    shard = Shard(tmp_path / shard_name(0), 0, IMAGES)
+    command = [sys.executable, "-m", "shaftpose.rendering.worker", str(shard.path), "0", count]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        process.wait()
+    facts = map(ShardedDataset(tmp_path).facts, map(sample_key, range(IMAGES)))
+    for scene, known in zip(scenes, facts, strict=True):
+        assert [vars(shaft) for shaft in scene.shafts] == known["shafts"]
+        assert scene.background.name == known["background"]
+        assert json.loads(json.dumps(scene.facts())).items() <= known.items()
+    sampler = SceneSampler(rendered.settings, tuple(rendered.backgrounds), rendered.seed)
+    drawn_first = [next(sampler.candidates(index)) for index in range(IMAGES)]
+    assert any(a.shafts != b.shafts for a, b in zip(scenes, drawn_first, strict=True))
+
+
+HOLD_AND_RELEASE = """
+held = b"1" * (100 * 2**20)
+del held
+print("released", flush=True)
+input()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="Linux alone tells the peak")
+def test_the_peak_of_memory_outlasts_its_release() -> None:
+    command = [sys.executable, "-c", HOLD_AND_RELEASE]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout
+        assert process.stdout.readline() == "released\n"
+        memory = memory_mib(process.pid)
+        process.communicate("\n")
+    assert memory["VmHWM"] > 100
+    assert memory["VmRSS"] < memory["VmHWM"] - 90
 
 
 def test_every_profiled_function_exists() -> None:

@@ -1,3 +1,6 @@
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
 from shaftpose.deployment.overlay import (
@@ -10,12 +13,22 @@ from shaftpose.deployment.overlay import (
     draw_detections,
     draw_masks,
     draw_poses,
+    draw_real,
+    draw_sample,
     pose_text,
     prediction_sheet,
     spread,
 )
-from shaftpose.geometry import Camera
+from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.instruments import Annotations, Detections
+from shaftpose.shards import (
+    Instrument,
+    Sample,
+    ShardedDataset,
+    ShardWriter,
+    sample_key,
+    shard_name,
+)
 
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
 BLACK = np.zeros((299, 299, 3), dtype=np.uint8)
@@ -56,6 +69,59 @@ def test_the_axis_of_a_shaft_that_passes_the_camera_keeps_its_direction() -> Non
     near = CAMERA.project(pose[:3] + 8.0 * direction)  # a point of the axis inside the image
     assert (np.abs(near - 149.5) < 149).all()
     assert np.abs(drawn_at(image) - near).sum(axis=1).min() <= 2
+
+
+def test_an_axis_bends_where_the_lens_does() -> None:
+    # Through (-0.75, 0.5), (0, 0.5) and (0.75, 0.5) at z = 1; f is 136.99 px. With k1 and k2 the
+    # first and the last, r^2 = 0.8125, come nearer by the factor 0.8639, the middle by 0.9525.
+    bent = replace(CAMERA, k1=-0.2, k2=0.04)
+    pose = np.array([[-15.0, 10.0, 20.0, 90.0, 0.0]])
+    pixels = drawn_at(draw_poses(BLACK, pose, bent, FOUND, text=False)) + 0.5
+    for u, v in ((149.5, 214.74), (238.26, 208.67)):
+        rows = pixels[np.abs(pixels[:, 0] - u) <= 0.5][:, 1]
+        assert len(rows)
+        assert np.abs(rows - v).max() <= 1.5
+    assert np.hypot(*(pixels - [60.74, 208.67]).T).min() < 3.5  # the circle around the tip
+
+
+def written_sample(folder: Path) -> Sample:
+    """A grey image whose mask, box and axis lie apart, in a shard of its own."""
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[60:90, 80:140] = True
+    mask[50:100, 100:102] = mask[84:86, 60:160] = True  # thin bars, so that the box is larger
+    shaft = Instrument(ShaftPose.from_array(POSE[0]), mask, mask)
+    rgb = np.full((299, 299, 3), 90, dtype=np.uint8)
+    sample = Sample(sample_key(0), rgb, (shaft,), CAMERA, {})
+    with ShardWriter(folder / shard_name(0), 95) as shard:
+        shard.write(sample)
+    return sample
+
+
+def test_a_sample_is_drawn_with_all_that_is_known_of_it_and_nothing_else(tmp_path: Path) -> None:
+    bare = written_sample(tmp_path).rgb
+    drawn = draw_sample(ShardedDataset(tmp_path), sample_key(0))
+    edges_of_the_box = (50, 70), (99, 120), (75, 60), (75, 159)  # row, column
+    edges_of_the_mask = (60, 110), (89, 110), (75, 80), (75, 139)
+    axis, circle = ((149, 200), (149, 298)), ((146, 149), (152, 149), (149, 146))
+    for place in (*edges_of_the_box, *axis, *circle):
+        np.testing.assert_allclose(drawn[place], TRUTH, atol=50, err_msg=str(place))
+    for place in edges_of_the_mask:
+        np.testing.assert_allclose(drawn[place], FOUND, atol=50, err_msg=str(place))
+    differs = (drawn != bare).any(axis=-1)
+    assert differs[280:299, 4:200].sum() > 300  # the pose in figures
+    elsewhere = np.ones_like(differs)
+    elsewhere[49:101, 59:161] = elsewhere[144:155, 144:] = elsewhere[278:] = False
+    elsewhere[63:87, 83:137] = True  # inside the mask
+    assert not differs[elsewhere].any()
+
+
+def test_a_real_image_is_drawn_with_its_boxes_and_masks() -> None:
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[140:160, 170:290] = True
+    drawn = draw_real(BLACK, [mask], BOX)
+    for place, colour in (((130, 200), TRUTH), ((140, 200), FOUND), ((150, 170), FOUND)):
+        np.testing.assert_allclose(drawn[place], colour, atol=50, err_msg=str(place))
+    assert not drawn[150, 200].any()
 
 
 def test_a_mask_is_outlined_not_filled() -> None:

@@ -27,6 +27,9 @@ JPEG_QUALITY = 95
 LEFT_TO_RIGHT = ShaftPose(-12.0, 0.0, 20.0, 90.0, 0.0)
 TOP_TO_BOTTOM_BEHIND = ShaftPose(0.0, -14.0, 30.0, 90.0, 90.0)
 
+# A pass -> what the compositor calls it.
+PASSES = {"Combined": "Image", "IndexOB": "IndexOB"}
+
 ONE_IMAGE_ALONE = """
 from shaftpose.rendering.generator import Generator
 from shaftpose.shards import encode_sample
@@ -60,6 +63,20 @@ def extent(mask: NDArray[np.bool_]) -> tuple[int, ...]:
     """x0, y0, x1, y1 by the coordinates of the pixels."""
     rows, columns = np.nonzero(mask)
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
+
+
+def projected_rod(camera: Camera, pose: ShaftPose, settings: RenderSettings) -> NDArray[np.float32]:
+    """(N, 2) corners, px, of a shaft's outline in the image: of the hull of points of its surface,
+    for a rod is convex. It shares nothing with the rays that annotate what is hidden."""
+    radius, angles = settings.shaft.diameter_mm / 2, np.linspace(0, 2 * np.pi, 96, endpoint=False)
+    around, along = np.meshgrid(angles, np.linspace(0, settings.shaft.length_mm, 601))
+    rod = np.stack([radius * np.cos(around), radius * np.sin(around), along], axis=-1)
+    points = rod.reshape(-1, 3) @ pose.rotation.T + pose.tip_mm
+    # What is nearer than 1 mm is out of view: `scene.lens_radius_mm` is 3.
+    hull = cv2.convexHull(camera.project(points[points[:, 2] > 1]).astype(np.float32))
+    width, height = camera.width, camera.height
+    image = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
+    return cv2.intersectConvexConvex(hull, image)[1].reshape(-1, 2)
 
 
 def is_occluded(sample: Sample) -> bool:
@@ -119,17 +136,21 @@ def test_samples_cover_what_these_tests_need(samples: list[Sample]) -> None:
     assert {is_occluded(sample) for sample in samples} == {False, True}
 
 
-def test_boxes_equal_the_extents_of_the_masks(
+def test_enough_of_every_shaft_is_visible(samples: list[Sample], settings: RenderSettings) -> None:
+    for instrument in (i for sample in samples for i in sample.instruments):
+        assert instrument.mask.sum() >= settings.scene.min_visible_px
+        assert not (instrument.mask & ~instrument.amodal_mask).any()
+
+
+def test_amodal_masks_have_the_extent_and_area_of_the_projected_rod(
     samples: list[Sample], camera: Camera, settings: RenderSettings
 ) -> None:
-    for sample in samples:
-        for instrument in sample.instruments:
-            amodal = cylinder_mask(camera, instrument.pose, settings) | instrument.mask
-            assert np.array_equal(instrument.amodal_mask, amodal)
-            assert instrument.visible_fraction == pytest.approx(
-                instrument.mask.sum() / amodal.sum()
-            )
-            assert instrument.mask.sum() >= settings.scene.min_visible_px
+    for instrument in (i for sample in samples for i in sample.instruments):
+        outline = projected_rod(camera, instrument.pose, settings)
+        expected = [*outline.min(axis=0), *outline.max(axis=0)]
+        np.testing.assert_allclose(extent(instrument.amodal_mask), expected, atol=1)
+        area = cv2.contourArea(outline)
+        assert instrument.amodal_mask.sum() == pytest.approx(area, rel=0.02)
 
 
 def test_masks_of_unhidden_shafts_equal_the_exact_cylinder(
@@ -152,7 +173,6 @@ def test_tissue_hides_a_part_of_the_shafts(
         cylinder = cylinder_mask(camera, instrument.pose, settings)
         # But for single pixels of the edge the visible mask lies inside the whole silhouette.
         assert (instrument.mask & ~cylinder).sum() <= 0.01 * cylinder.sum()
-        assert not (instrument.mask & ~instrument.amodal_mask).any()
 
 
 def test_masks_of_one_image_are_disjoint(samples: list[Sample]) -> None:
@@ -348,6 +368,21 @@ def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
     assert np.ptp(neighbours) < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("kelvin", "rgb"),
+    [
+        (3000.0, (1.0, 0.45, 0.15)),
+        (4750.0, (1.0, 0.725, 0.575)),  # halfway between the two beside it
+        (6500.0, (1.0, 1.0, 1.0)),
+        (10000.0, (0.62, 0.75, 1.0)),
+    ],
+)
+def test_colour_temperatures_by_hand(kelvin: float, rgb: tuple[float, ...]) -> None:
+    from shaftpose.rendering.blender import kelvin_to_rgb
+
+    assert kelvin_to_rgb(kelvin) == pytest.approx(rgb)
+
+
 def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer") -> None:
     scenes = (first_scene(generator, index) for index in range(50))
     scene = next(scene for scene in scenes if len(scene.occluders) == 2)
@@ -364,27 +399,49 @@ def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer
         assert seen(first, second)[..., :3].sum() < 0.99 * both[..., :3].sum()
 
 
-def test_passes_in_memory_equal_the_file_that_blender_writes(
+def test_passes_in_memory_equal_the_files_that_blender_writes(
     generator: "Generator", renderer: "Renderer", tmp_path: Path
 ) -> None:
-    foreground = renderer.render(first_scene(generator, 1))
+    scenes = (first_scene(generator, index) for index in range(50))
+    scene = next(s for s in scenes if len(s.shafts) == 2 and not s.occluders)
+    foreground = renderer.render(scene)
     assert foreground is not None
-    height, width = foreground.linear.shape[:2]
-    written = render_to_exr(tmp_path / "combined.exr", height, width)
+    height, width = foreground.index.shape
+    written = render_to_exr(tmp_path, height, width)
     assert foreground.linear[..., 3].max() == 1.0
+    assert {*foreground.index.ravel()} == {0, 1, 2}
     # 32-bit EXR: equal to the last bit.
-    np.testing.assert_array_equal(foreground.linear, written)
+    np.testing.assert_array_equal(foreground.linear, written["Combined"])
+    for channel in range(3):  # a file of one channel is loaded as grey
+        np.testing.assert_array_equal(foreground.index, written["IndexOB"][..., channel])
 
 
-def render_to_exr(path: Path, height: int, width: int) -> NDArray[np.float32]:
-    """Render the scene as it stands to a 32-bit EXR file; its pixels, top row first."""
+def render_to_exr(folder: Path, height: int, width: int) -> dict[str, NDArray[np.float32]]:
+    """Render the scene as it stands to a 32-bit EXR file for each pass: (h, w, 4), top row first.
+
+    The node that writes them is Blender's compositor's; it takes the passes as they are.
+    """
     import bpy
 
-    render = bpy.context.scene.render
-    form: Any = render.image_settings
-    form.file_format, form.color_mode, form.color_depth = "OPEN_EXR", "RGBA", "32"
-    render.filepath = str(path)
-    bpy.ops.render.render(write_still=True)
+    scene: Any = bpy.context.scene
+    scene.use_nodes = scene.render.use_compositing = True
+    nodes, links = scene.node_tree.nodes, scene.node_tree.links
+    nodes.clear()
+    layers, files = nodes.new("CompositorNodeRLayers"), nodes.new("CompositorNodeOutputFile")
+    files.base_path, files.format.file_format = str(folder), "OPEN_EXR"
+    files.format.color_depth = "32"
+    files.file_slots.clear()
+    for name, output in PASSES.items():
+        files.file_slots.new(name)
+        links.new(layers.outputs[output], files.inputs[name])
+    bpy.ops.render.render()
+    scene.use_nodes = scene.render.use_compositing = False
+    return {name: read_exr(folder / f"{name}0001.exr", height, width) for name in PASSES}
+
+
+def read_exr(path: Path, height: int, width: int) -> NDArray[np.float32]:
+    import bpy
+
     image = bpy.data.images.load(str(path))
     pixels = np.empty(height * width * 4, dtype=np.float32)
     image.pixels.foreach_get(pixels)

@@ -22,7 +22,7 @@ AXES = {"x": np.roll(np.eye(3), 1, axis=0), "y": np.roll(np.eye(3), 2, axis=0), 
 def instrument() -> Trimesh:
     """A shaft of 3 mm and 100 mm with a thick handle to one side, from z = 0 to z = 120 mm."""
     shaft = trimesh.creation.cylinder(1.5, segment=[[0, 0, 0], [0, 0, 100]], sections=64)
-    handle = trimesh.creation.box([12, 12, 20])
+    handle = trimesh.creation.box([8, 8, 20])
     handle.apply_translation([2, 0, 110])
     return trimesh.util.concatenate([shaft, handle])
 
@@ -50,16 +50,19 @@ def assert_in_shaft_frame(vertices: Array) -> None:
     np.testing.assert_allclose(np.hypot(*shaft[:, :2].T).max(), 1.5, atol=0.05)
     centre = np.linalg.norm((handle.min(axis=0) + handle.max(axis=0))[:2] / 2)
     assert centre == pytest.approx(2, abs=0.05)
-    assert np.hypot(*handle[:, :2].T).max() == pytest.approx(10, abs=0.05)  # 8, 6
+    assert np.hypot(*handle[:, :2].T).max() == pytest.approx(52**0.5, abs=0.05)  # 6, 4
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "glb", "STL"])
 def test_formats(suffix: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = write(instrument(), tmp_path / f"tool.{suffix.lower()}").rename(tmp_path / f"a.{suffix}")
-    with caplog.at_level(logging.WARNING, logger="shaftpose"):
+    with caplog.at_level(logging.INFO, logger="shaftpose"):
         mesh = cad_mesh(CadSettings(path, "mm", axis="z", tip="low"))
     assert_in_shaft_frame(mesh.vertices)
-    assert not caplog.records
+    # The handle's edges are 6 and 4 mm beside the axis.
+    assert [(r.levelname, r.getMessage()) for r in caplog.records] == [
+        ("INFO", f"{path}: 120 mm long and up to 14.4 mm thick, read in mm")
+    ]
     assert {len(face) for face in mesh.faces} == {3}
     assert mesh.uv.shape == (3 * len(mesh.faces), 2)
     assert trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).volume > 0
@@ -82,7 +85,7 @@ def test_axis_and_end_are_found(seed: int, tmp_path: Path) -> None:
     shaft, handle = vertices[vertices[:, 2] < 60], vertices[vertices[:, 2] > 100]
     assert shaft[:, 2].min() == pytest.approx(0, abs=1e-3)
     assert np.hypot(*shaft[:, :2].T).max() == pytest.approx(1.5, abs=0.2)
-    assert np.hypot(*handle[:, :2].T).max() > 8
+    assert np.hypot(*handle[:, :2].T).max() > 5
     rod = trimesh.creation.cylinder(1.5, segment=[[0, 0, 0], [0, 0, 100]])
     body = moved(rod, random_rotation(seed), np.array([30.0, -5.0, 70.0]))
     vertices = cad_mesh(CadSettings(write(body, tmp_path / "rod.stl"), "mm")).vertices
@@ -100,8 +103,8 @@ def test_units(unit: str, mm: float, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file_unit", "read_as", "size"),
-    [(1000.0, "mm", "0.012 x 0.012 x 0.12 mm, read in mm"),
-     (1.0, "m", "1.2e+04 x 1.2e+04 x 1.2e+05 mm, read in m")],
+    [(1000.0, "mm", "0.008 x 0.008 x 0.12 mm, read in mm"),
+     (1.0, "m", "8e+03 x 8e+03 x 1.2e+05 mm, read in m")],
 )  # fmt: skip
 def test_a_wrong_unit_is_refused_with_a_better_one(
     file_unit: float, read_as: str, size: str, tmp_path: Path
@@ -116,6 +119,39 @@ def test_a_wrong_unit_is_refused_with_a_better_one(
     assert message.startswith(f"{path}: measures {size}")
     assert message.endswith(f"try shaft.cad.unit = {better}")
     assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("unit", "length_mm", "diameter_mm", "size"),
+    [
+        ("cm", 250.0, 5.0, "25 mm long and up to 0.5 mm thick"),
+        ("inch", 250.0, 5.0, "9.84 mm long and up to 0.197 mm thick"),
+        ("mm", 59.0, 5.0, "59 mm long and up to 5 mm thick"),
+        ("mm", 250.0, 16.0, "250 mm long and up to 16 mm thick"),
+        ("mm", 250.0, 0.9, "250 mm long and up to 0.9 mm thick"),
+    ],
+)
+def test_an_unusual_size_is_used_with_a_warning(
+    unit: str,
+    length_mm: float,
+    diameter_mm: float,
+    size: str,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """An instrument in cm or inch has one, if it is read in mm."""
+    rod = trimesh.creation.cylinder(diameter_mm / 2, length_mm, sections=64)
+    rod.apply_scale({"mm": 1.0, "cm": 0.1, "inch": 1 / 25.4}[unit])
+    path = write(rod, tmp_path / "rod.stl")
+    with caplog.at_level(logging.WARNING, logger="shaftpose"):
+        cad_mesh(CadSettings(path, "mm"))
+        assert [record.getMessage() for record in caplog.records] == [
+            f"{path}: {size}, read in mm; an instrument has 60 mm or more and 1 to 15 mm: correct "
+            "shaft.cad.unit, or leave away what never enters the body"
+        ]
+        caplog.clear()
+        cad_mesh(CadSettings(path, unit))
+    assert bool(caplog.records) == (unit == "mm")
 
 
 def test_a_size_that_no_unit_explains(tmp_path: Path) -> None:

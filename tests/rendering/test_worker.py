@@ -1,14 +1,21 @@
-"""The process that renders a shard keeps to its core."""
+"""The process that renders a shard keeps to its core, and does not repeat what is known."""
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import trimesh
 from blender_process import run_python
 
-from shaftpose.config import RenderSettings
+from shaftpose.config import CadSettings, RenderSettings
+from shaftpose.rendering.jobs import RenderedSet, Shard, write_set
+from shaftpose.rendering.worker import IMAGE_DONE
+from shaftpose.shards import shard_name
 
 START = """
 import os
@@ -41,3 +48,18 @@ def test_blender_starts_no_threads_for_other_cores(
         seen[alone] = json.loads((tmp_path / "seen.json").read_text())
     assert seen[True]["threads"] < seen[False]["threads"]
     assert seen[True]["kept"]  # compositing and compression may use what there is
+
+
+def test_what_a_cad_file_is_warned_of_is_not_said_by_each_shard(
+    settings: RenderSettings, backgrounds: Mapping[Path, str], tmp_path: Path
+) -> None:
+    trimesh.creation.cylinder(1.5, 50.0).export(tmp_path / "short.stl")
+    shaft = replace(settings.shaft, cad=CadSettings(tmp_path / "short.stl", "mm"))
+    shard = Shard(tmp_path / shard_name(0), 0, 1)
+    write_set(RenderedSet(replace(settings, shaft=shaft), backgrounds, 1, 1, 1), tmp_path)
+    command = [sys.executable, "-m", "shaftpose.rendering.worker", str(shard.path), "0", "1"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout
+        assert process.stdout.read() == f"{IMAGE_DONE}\n"
+    assert shard.is_finished()

@@ -20,12 +20,21 @@ TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
 _LINE_PX = 19  # a line of text with its rim is 18 px high, 7 px of it below its origin
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
+_AXIS_MM, _AXIS_STEPS = 150.0, 150  # so many that they look like a curve where a lens bends
+_SUBPIXEL_BITS = 4
 
 
 def draw_sample(shards: ShardedDataset, key: str) -> Image:
     """A rendered image with its masks (yellow), boxes and poses (green)."""
     outlined = draw_masks(shards.rgb(key), shards.masks(key), FOUND)
     return draw_annotations(outlined, shards.annotations(key), shards.camera(key))
+
+
+def draw_real(
+    image: Image, masks: Sequence[NDArray[np.bool_]], boxes: NDArray[np.float64]
+) -> Image:
+    """A real image (H, W, 3) with its masks (yellow) and boxes (N, 4) px (green)."""
+    return draw_boxes(draw_masks(image, masks, FOUND), boxes, TRUTH)
 
 
 def draw_annotations(image: Image, known: Annotations, camera: Camera, text: bool = True) -> Image:
@@ -79,9 +88,10 @@ def draw_poses(
     """The image with tip, projected axis and, if asked for, the numbers of poses (N, 5)."""
     drawn = image.copy()
     for row, pose in enumerate(poses):
-        tip, far = (_pixel(point) for point in _axis_ends(ShaftPose.from_array(pose), camera))
-        cv2.line(drawn, tip, far, colour, 1, cv2.LINE_AA)
-        cv2.circle(drawn, tip, 3, colour, 1, cv2.LINE_AA)
+        axis = _grid(camera.project(_axis_mm(ShaftPose.from_array(pose))))
+        cv2.polylines(drawn, [axis], False, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        radius = 3 << _SUBPIXEL_BITS
+        cv2.circle(drawn, axis[0].tolist(), radius, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
         if text:
             _write(drawn, pose_text(pose), (4, image.shape[0] - 8 - _LINE_PX * row), colour)
     return drawn
@@ -115,18 +125,19 @@ def contact_sheet(images: Sequence[Image], columns: int) -> Image:
     return np.vstack(lines)
 
 
-def _axis_ends(pose: ShaftPose, camera: Camera) -> list[NDArray[np.float64]]:
-    """Pixels of the tip and of the axis' far end, 150 mm away or where it nears the camera."""
+def _axis_mm(pose: ShaftPose) -> NDArray[np.float64]:
+    """Points (N, 3) of the axis from the tip to 150 mm away or to where it nears the camera."""
     tip = pose.tip_mm.copy()
     tip[2] = max(tip[2], _SHORTEST_VIEW_MM)
     slope = -pose.direction[2]
-    length = 150.0 if slope <= 0 else min(150.0, (tip[2] - _SHORTEST_VIEW_MM) / slope)
-    return [camera.project(tip), camera.project(tip + length * pose.direction)]
+    length = _AXIS_MM if slope <= 0 else min(_AXIS_MM, (tip[2] - _SHORTEST_VIEW_MM) / slope)
+    return tip + np.linspace(0, length, _AXIS_STEPS + 1)[:, None] * pose.direction
 
 
-def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
-    u, v = np.clip(point, -1e4, 1e4)
-    return int(u), int(v)
+def _grid(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Pixels (N, 2) on OpenCV's grid of fractions, which counts from the first pixel's centre."""
+    near = np.clip(points - 0.5, -1e4, 1e4)  # OpenCV's range is limited
+    return np.rint(near * (1 << _SUBPIXEL_BITS)).astype(np.int32)
 
 
 def _write(image: Image, text: str, origin: tuple[int, int], colour: Colour) -> None:

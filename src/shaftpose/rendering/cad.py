@@ -19,6 +19,8 @@ logger = logging.getLogger(__name__)
 _FORMATS = (".stl", ".obj", ".glb")
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _SHORTEST_MM, _LONGEST_MM, _USUAL_MM = 5.0, 1000.0, 300.0
+# Beyond these an instrument is used with a warning: one in cm or inch, read in mm, is.
+_USUALLY_SHORTEST_MM, _USUAL_DIAMETERS_MM = 60.0, (1.0, 15.0)
 # The part of an instrument, from its end on, by which this end is judged and the tip is centred.
 _END = 0.05
 
@@ -26,8 +28,8 @@ _END = 0.05
 def cad_mesh(cad: CadSettings) -> Mesh:
     """The file's mesh in mm: the origin is the centre of the distal tip, +z points to the handle.
 
-    Textures and colours of the file are not used. Raises InputError if it is no readable mesh or
-    has the size of no instrument.
+    Textures and colours of the file are not used. Its size is logged, as a warning if it is
+    unusual. Raises InputError if it is no readable mesh or has the size of no instrument.
     """
     body = _load(cad)
     body.vertices = body.vertices @ _axes(body, cad.axis).T
@@ -37,6 +39,7 @@ def cad_mesh(cad: CadSettings) -> Mesh:
     body.vertices = body.vertices - [*(low + high)[:2] / 2, low[2]]
     faces = tuple(tuple(int(n) for n in face) for face in body.faces)
     vertices = np.asarray(body.vertices, dtype=np.float64)
+    _log_size(cad, vertices)
     return Mesh(vertices, faces, wrapped_uv(vertices, faces))
 
 
@@ -78,6 +81,22 @@ def _check_size(cad: CadSettings, body: Trimesh) -> None:
         f"{cad.file}: measures {size} mm, read in {cad.unit}, but an instrument is "
         f"{_SHORTEST_MM:g} to {_LONGEST_MM:g} mm long; {remedy}"
     )
+
+
+def _log_size(cad: CadSettings, vertices: Array) -> None:
+    """Tell the length, and the diameter of the rod around the axis that holds all vertices."""
+    length = vertices[:, 2].max()
+    diameter = 2 * np.hypot(vertices[:, 0], vertices[:, 1]).max()
+    thinnest, thickest = _USUAL_DIAMETERS_MM
+    size = f"{cad.file}: {length:.3g} mm long and up to {diameter:.3g} mm thick, read in {cad.unit}"
+    if length >= _USUALLY_SHORTEST_MM and thinnest <= diameter <= thickest:
+        logger.info("%s", size)
+        return
+    logger.warning(
+        "%s; an instrument has %g mm or more and %g to %g mm: correct shaft.cad.unit, or leave "
+        "away what never enters the body",
+        size, _USUALLY_SHORTEST_MM, thinnest, thickest,
+    )  # fmt: skip
 
 
 def _axes(body: Trimesh, axis: str | None) -> Array:

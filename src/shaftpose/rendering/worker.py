@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from shaftpose.errors import InputError
+from shaftpose.rendering import cad
 from shaftpose.rendering.jobs import RenderedSet, Shard, naming_full_disk, read_set
 from shaftpose.shards import ShardWriter
 
@@ -35,6 +36,7 @@ def main() -> None:
     threading.Thread(target=_end_with_input, daemon=True).start()
     progress = os.fdopen(os.dup(1), "w")
     logging.basicConfig(stream=progress, level=logging.WARNING, format=f"{WARNING}%(message)s")
+    cad.logger.disabled = True  # whoever has started this process has read the file and said it
     try:
         with naming_full_disk(shard.path.parent):
             _send_output_to(shard.log)
