@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -276,6 +276,27 @@ def test_a_killed_dask_worker_is_replaced_and_takes_its_blender_along(
     wait_until(lambda: has_ended(orphan))
     run.result(PATIENCE_S)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_a_shard_whose_dask_workers_all_die_ends_the_run(
+    rendered: RenderedSet,
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    run = background(replace(rendered, images=PER_SHARD), tmp_path, client)
+    killed = set[psutil.Process]()
+    while not run.done():
+        # A Blender whose worker has died has a parent that is not of this test.
+        ours = set(psutil.Process().children(recursive=True))
+        with suppress(psutil.NoSuchProcess):  # it has just ended, too
+            for worker in {blender.parent() for blender in blenders(tmp_path)} & (ours - killed):
+                worker.kill()
+                killed.add(worker)
+        time.sleep(0.01)
+    with pytest.raises(InputError, match=r"shard-000000\.tar: each of the Dask workers"):
+        run.result()
+    assert len(killed) == 4
 
 
 def test_what_a_dead_worker_left_is_removed(
