@@ -7,8 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
-from render import CLEAR, OCCLUDED, by_path, images_per_shard
+from render import CLEAR, OCCLUDED, SCRATCH, by_path, images_per_shard
 from settings import cluster_settings, render_settings, size
 from stage import Config, stage
 
@@ -21,12 +20,13 @@ from shaftpose.errors import InputError
 from shaftpose.images import write_jpeg
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.locks import alone_in
 from shaftpose.rendering.scale_out import render_set
 from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
 
-SCRATCH = Path("data/scratch")
+STAND_IN_FOLDER = SCRATCH / "stand-in"
 # Seeds of the stand-in's sets, relative to that of the project, and their share of occluded images.
 STAND_IN_SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
 SOURCES_PER_SET = 20
@@ -36,14 +36,15 @@ SOURCES_PER_SET = 20
 def main(config: Config) -> None:
     """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
     out = Path(config["out"])
-    out.mkdir(parents=True, exist_ok=True)
     source = config["real"]["source"]
-    if source is None:
-        write_stand_in(config, out)
-    else:
-        copy_real(Path(source), out)
     domain = "stand-in" if source is None else "real"
-    (out / "about.json").write_text(json.dumps({"domain": domain}) + "\n")
+    with alone_in(out, SCRATCH):
+        out.mkdir(parents=True, exist_ok=True)
+        if source is None:
+            write_stand_in(config, out)
+        else:
+            copy_real(Path(source), out)
+        (out / "about.json").write_text(json.dumps({"domain": domain}) + "\n")
     counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
     logger.info("%s images %s are in %s", domain, counts, out)
 
@@ -85,12 +86,10 @@ def render_stand_in(config: Config) -> dict[str, list[tuple[str, RealSample]]]:
     """The samples of each set of the stand-in and the names of their image files."""
     cluster = cluster_settings(config)
     samples = {}
-    SCRATCH.mkdir(parents=True, exist_ok=True)
     # A second run would repaint the backgrounds that the first one reads.
-    with FileLock(SCRATCH / "stand-in.lock"), connect(cluster) as client:
+    with alone_in(STAND_IN_FOLDER, SCRATCH), connect(cluster) as client:
         for name, rendered in stand_in_sets(config).items():
-            folder = SCRATCH / "stand-in" / name
-            shutil.rmtree(folder, ignore_errors=True)
+            folder = STAND_IN_FOLDER / name
             render_set(rendered, SCRATCH, folder, client, cluster.hang_s)
             samples[name] = [(f"images/{name}-{key}.jpg", s) for key, s in read_samples(folder)]
     return samples
@@ -115,7 +114,7 @@ def stand_in_sets(config: Config) -> dict[str, RenderedSet]:
 
 def stand_in_backgrounds(config: Config) -> list[tuple[Path, str]]:
     """Tissue of the stand-in's own look, in scratch: image file, id of its source."""
-    folder, side_px = SCRATCH / "stand-in" / "backgrounds", config["camera"]["size_px"]
+    folder, side_px = STAND_IN_FOLDER / "backgrounds", config["camera"]["size_px"]
     seed = config["seed"] + STAND_IN_SETS["train"][0]
     count = SOURCES_PER_SET * len(STAND_IN_SETS)
     unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))

@@ -11,12 +11,14 @@ from shaftpose.backgrounds.library import Background, hold_out, read_library
 from shaftpose.config import Size
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.locks import alone_in
 from shaftpose.rendering.scale_out import render_set
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import write_models
 
 logger = logging.getLogger(__name__)
 
+SCRATCH = Path("data/scratch")
 # What sets without occluders replace of the user's scene.
 CLEAR = {"occluder_probability": 0.0, "crossing_probability": 0.0}
 # What sets with hidden shafts replace: of each shaft a fifth is hidden at least, so that the image
@@ -34,15 +36,26 @@ SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 def main(config: Config) -> None:
     """Write `images/`, `clear/`, `occluded/` and `models/` to `out`."""
     out = Path(config["out"])
+    with alone_in(out, SCRATCH):  # or another run could begin while this one is between two sets
+        render_images(config, out)
+        write_instrument(config, out / "models")
+
+
+def render_images(config: Config, out: Path) -> None:
+    """Render each set into the folder of `out` that has its name."""
     library = read_library(Path("data/backgrounds"))
     cluster = cluster_settings(config)
     with connect(cluster) as client:
         for name, rendered in rendered_sets(config, library).items():
-            render_set(rendered, Path("data/scratch"), out / name, client, cluster.hang_s)
+            render_set(rendered, SCRATCH, out / name, client, cluster.hang_s)
             logger.info("%d images are in %s", rendered.images, out / name)
+
+
+def write_instrument(config: Config, folder: Path) -> None:
+    """Write the mesh that goes with all sets, as BOP's tools expect it."""
     shape = instrument_shape(render_settings(config).shaft)
     write_models(
-        out / "models",
+        folder,
         shape.mesh.vertices,
         shape.mesh.faces,
         shape.diameter_mm,

@@ -51,6 +51,7 @@ def expected_sets(config: Config) -> dict[str, ExpectedSet]:
             folder=RENDERED / name,
             settings=rendered.settings,
             body=body(rendered.settings.shaft),
+            seed=rendered.seed,
             shards={
                 shard.path.name: range(shard.first, shard.first + shard.count)
                 for shard in rendered.shards(RENDERED / name)

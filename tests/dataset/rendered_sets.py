@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 SIDE = 299
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
 ROD = Body(diameter_mm=3.0, length_mm=150.0, is_rod=True)
+SEED = 7
 BACKGROUNDS = {"000000.jpg": "tissue-0", "000001.jpg": "tissue-1"}
 LEFT = ShaftPose(-6.0, -3.0, 25.0, 70.0, 150.0)
 RIGHT = ShaftPose(7.0, 4.0, 30.0, 60.0, 340.0)
@@ -67,6 +68,8 @@ def sample(
         facts={
             "background": f"{index % 2:06d}.jpg",
             "source": f"tissue-{index % 2}",
+            "seed": SEED,
+            "index": index,
             "light": {"strength": 1000.0 + index, "kelvin": 5000.0, "ambient": 1.0},
             "steels": [{"grey": 0.6, "roughness": 0.2 + 0.1 * n} for n in range(len(poses))],
             "occluders": [],
@@ -84,7 +87,7 @@ def write_set(folder: Path, shards: Sequence[Sequence[Sample]]) -> ExpectedSet:
                 writer.write(one)
     starts = np.cumsum([0, *(len(samples) for samples in shards)]).tolist()
     ranges = {shard_name(n): range(starts[n], starts[n + 1]) for n in range(len(shards))}
-    return ExpectedSet(folder, settings(), ROD, ranges, BACKGROUNDS)
+    return ExpectedSet(folder, settings(), ROD, SEED, ranges, BACKGROUNDS)
 
 
 def checked(expected: ExpectedSet) -> list[CheckedShard]:

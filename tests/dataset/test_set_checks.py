@@ -90,6 +90,27 @@ def test_a_shard_too_many(spoilt: ExpectedSet) -> None:
     assert complaints(spoilt) == [f"{path}: all: no shard of this set"]
 
 
+def test_a_shard_of_another_seed(spoilt: ExpectedSet) -> None:
+    path = spoilt.folder / "shard-000001.tar"
+    with ShardWriter(path, 95) as writer:
+        writer.write(sample(2, [ABOVE], seed=8))
+    assert complaints(spoilt) == [f"{path}: 000000002: seed = 8: in this set 7"]
+
+
+def test_an_image_under_the_key_of_another(spoilt: ExpectedSet) -> None:
+    path = spoilt.folder / "shard-000001.tar"
+    with ShardWriter(path, 95) as writer:
+        writer.write(replace(sample(3, [BELOW]), key="000000002"))
+    assert complaints(spoilt) == [f"{path}: 000000002: index = 3: in this set 2"]
+
+
+def test_an_image_that_does_not_say_its_seed(spoilt: ExpectedSet) -> None:
+    path = spoilt.folder / "shard-000001.tar"
+    rewrite(path, edit_json("000000002.shaft.json", lambda content: content.pop("seed")))
+    (found,) = complaints(spoilt)
+    assert found.startswith(f"{path}: 000000002: shaft.json: seed = ")
+
+
 def test_the_same_image_twice(tmp_path: Path) -> None:
     pictures = [[sample(0, [LEFT], look=5)], [sample(1, [RIGHT], look=5)]]
     assert complaints(write_set(tmp_path, pictures)) == [

@@ -67,6 +67,29 @@ def test_a_machine_without_slurm_is_told(tmp_path: Path, monkeypatch: pytest.Mon
         pass
 
 
+def test_jobs_that_slurm_refuses_end_the_run_with_its_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sbatch = tmp_path / "sbatch"
+    sbatch.write_text(
+        "#!/bin/sh\n"
+        'echo "allocation failure: invalid partition specified: long" >&2\n'
+        'echo "$@" > asked\n'
+        "exit 1\n"
+    )
+    sbatch.chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with (
+        pytest.raises(InputError, match="Slurm refuses such jobs: allocation failure: invalid "
+                      "partition specified: long; mend it"),
+        connect(settings(slurm=SLURM)),
+    ):  # fmt: skip
+        pass
+    assert (tmp_path / "asked").read_text() == "--test-only\n"  # and no job was submitted
+
+
 def test_slurm_jobs_have_a_worker_per_core_and_talk_tls(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

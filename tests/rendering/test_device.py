@@ -1,6 +1,6 @@
 """The device that Cycles renders on, and what happens where there is none of its kind.
 
-The processes of these tests are shown no GPU."""
+The processes of these tests are shown no GPU: rendering on one is not tested."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -60,3 +60,27 @@ def test_without_the_device_a_warning_names_it_and_the_cpu_renders(
         f"render.device: Blender finds no {device} device here: the CPU renders"
     ]
     assert image == on_the_cpu
+
+
+CHOOSE = """
+import os
+os.environ.update(CUDA_VISIBLE_DEVICES="", HIP_VISIBLE_DEVICES="")
+import bpy, _cycles  # in this order: the second is part of the first
+from shaftpose.rendering.device import use_device
+found = _cycles.available_devices
+_cycles.available_devices = lambda kind: (
+    ("a GPU", "CUDA", "CUDA_0", *found(kind)[0][3:]), *found(kind)
+)
+use_device(bpy.context.scene, "cuda")
+preferences = bpy.context.preferences.addons["cycles"].preferences
+assert bpy.context.scene.cycles.device == "GPU"
+assert preferences.compute_device_type == "CUDA"
+assert {d.type: d.use for d in preferences.devices} == {"CUDA": True, "CPU": False}
+"""
+
+
+def test_a_device_that_blender_names_is_chosen_without_the_cpu_beside_it(
+    settings: RenderSettings, tmp_path: Path
+) -> None:
+    """Blender's own preferences; only the list of the machine's devices has one more."""
+    run_python(CHOOSE, tmp_path, settings)

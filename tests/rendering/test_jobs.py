@@ -1,6 +1,10 @@
 """What a rendered set consists of, and what its name in scratch depends on."""
 
+import errno
+import multiprocessing
 import os
+import resource
+import signal
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -70,19 +74,49 @@ def test_shards_of_an_earlier_larger_set_go_and_nothing_else_does(tmp_path: Path
     assert (out / path.name).read_bytes() == b"a shard"
 
 
-def test_another_run_may_have_linked_a_shard_just_before(
+def test_shards_of_other_settings_are_all_gone_before_the_first_new_one_comes(
+    tmp_path: Path,
+) -> None:
+    out, missing = tmp_path / "out", tmp_path / "shard-000000.tar"
+    out.mkdir()
+    for number in range(2):
+        (out / f"shard-{number:06d}.tar").write_bytes(b"earlier")
+    with pytest.raises(FileNotFoundError):
+        link_shards([Shard(missing, 0, 1)], out)
+    assert list(out.iterdir()) == []
+
+
+def link_until_killed(shard: Shard, out: Path, bytes_written: int) -> None:
+    """Link a shard in a process that the system kills once a file has so many bytes."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_written, bytes_written))
+    link_shards([shard], out)
+
+
+def test_a_run_killed_while_it_copies_leaves_no_half_shard_under_its_final_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    link, path = os.link, tmp_path / "shard-000000.tar"
-    path.write_bytes(b"a shard")
+    def other_file_system(source: Path, target: Path) -> None:
+        raise OSError(errno.EXDEV, os.strerror(errno.EXDEV))
 
-    def link_twice(source: Path, target: Path) -> None:
-        link(source, target)
-        link(source, target)
+    monkeypatch.setattr(os, "link", other_file_system)
+    path, out = tmp_path / "shard-000000.tar", tmp_path / "out"
+    path.write_bytes(bytes(100_000))
+    shard = Shard(path, 0, 1)
+    killed = multiprocessing.get_context("fork").Process(
+        target=link_until_killed, args=(shard, out, 60_000)
+    )
+    killed.start()
+    killed.join()
+    assert killed.exitcode == -signal.SIGXFSZ
+    (part,) = out.iterdir()
+    assert part.name == "shard-000000.tar.part"
+    assert part.stat().st_size == 60_000
 
-    monkeypatch.setattr(os, "link", link_twice)
-    link_shards([Shard(path, 0, 1)], tmp_path / "out")
-    assert path.samefile(tmp_path / "out" / path.name)
+    link_shards([shard], out)
+    assert [found.name for found in out.iterdir()] == [path.name]
+    assert (out / path.name).read_bytes() == path.read_bytes()
 
 
 def test_a_full_disk_is_named_with_the_remedy(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -278,6 +278,27 @@ def test_a_killed_dask_worker_is_replaced_and_takes_its_blender_along(
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
+def test_a_shard_whose_dask_workers_all_die_ends_the_run(
+    rendered: RenderedSet,
+    client: Client,
+    background: Callable[..., Future[None]],
+    tmp_path: Path,
+) -> None:
+    run = background(replace(rendered, images=PER_SHARD), tmp_path, client)
+    killed = set[psutil.Process]()
+    while not run.done():
+        # A Blender whose worker has died has a parent that is not of this test.
+        ours = set(psutil.Process().children(recursive=True))
+        with suppress(psutil.NoSuchProcess):  # it has just ended, too
+            for worker in {blender.parent() for blender in blenders(tmp_path)} & (ours - killed):
+                worker.kill()
+                killed.add(worker)
+        time.sleep(0.01)
+    with pytest.raises(InputError, match=r"shard-000000\.tar: each of the Dask workers"):
+        run.result()
+    assert len(killed) == 4
+
+
 def test_what_a_dead_worker_left_is_removed(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],
@@ -405,7 +426,7 @@ def test_workers_of_others_drop_the_shards_of_a_run_that_was_killed(
     assert not list(tmp_path.rglob("*.tar"))
 
 
-def test_a_second_run_of_the_same_set_is_refused_and_does_not_disturb_the_first(
+def test_a_second_run_of_the_same_set_or_into_the_same_folder_does_not_disturb_the_first(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],
     client: Client,
@@ -414,8 +435,15 @@ def test_a_second_run_of_the_same_set_is_refused_and_does_not_disturb_the_first(
 ) -> None:
     run = background(rendered, tmp_path, client)
     stopped = stopped_in_the_middle(tmp_path)
-    with pytest.raises(InputError, match="another run is rendering this set"):
-        render(rendered, tmp_path, client)
+    scratch, out = tmp_path / "scratch", tmp_path / "out"
+    another = replace(rendered, seed=rendered.seed + 1)
+    for second, second_out, refused in (
+        (rendered, tmp_path / "elsewhere", scratch / rendered.fingerprint()),
+        (another, out, out),
+    ):
+        with pytest.raises(InputError, match="another run renders into this folder") as caught:
+            render_set(second, scratch, second_out, client, PATIENCE_S)
+        assert str(caught.value).startswith(f"{refused}: ")
     stopped.resume()
     run.result(PATIENCE_S)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
@@ -473,40 +501,73 @@ def test_a_truncated_shard_in_out_is_mended_by_running_again(
     assert path.samefile(out / path.name)
 
 
-@pytest.fixture
-def small_disk(undisturbed: tuple[Path, Path], tmp_path: Path) -> Iterator[Path]:
-    """`tmp_path/scratch` as a disk with room for one shard and a half."""
-    disk = tmp_path / "scratch"
+@contextmanager
+def small_disk(disk: Path, shard_bytes: int) -> Iterator[None]:
+    """A new folder as a disk of its own, with room for one shard and a half."""
     disk.mkdir()
-    size = max(map(len, contents(undisturbed[1]).values())) * 3 // 2
+    size = shard_bytes * 3 // 2
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
     done = subprocess.run(mount, capture_output=True, text=True)
     if done.returncode:
         pytest.skip(f"a small disk cannot be mounted here: {done.stderr.strip()}")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def make_room(disk: Path) -> None:
+    subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)
+
+
+@pytest.fixture(scope="module")
+def shard_bytes(undisturbed: tuple[Path, Path]) -> int:
+    """The size of the larger shard."""
+    return max(map(len, contents(undisturbed[1]).values()))
 
 
 def test_a_full_disk_ends_the_run_and_room_lets_it_continue(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],
-    small_disk: Path,
+    shard_bytes: int,
     lone_client: Client,
     tmp_path: Path,
 ) -> None:
-    with pytest.raises(InputError, match="No space left on device; make room") as caught:
-        render(rendered, tmp_path, lone_client)
-    assert str(caught.value).startswith(str(small_disk))
-    first, second = rendered.shards(small_disk / rendered.fingerprint())
-    before = identity(first.path)
-    assert not second.path.exists()
-    assert not list(small_disk.rglob("*.part"))
-    assert not (tmp_path / "out").exists()
+    disk = tmp_path / "scratch"
+    with small_disk(disk, shard_bytes):
+        with pytest.raises(InputError, match="No space left on device; make room") as caught:
+            render(rendered, tmp_path, lone_client)
+        assert str(caught.value).startswith(str(disk))
+        first, second = rendered.shards(disk / rendered.fingerprint())
+        before = identity(first.path)
+        assert not second.path.exists()
+        assert not list(disk.rglob("*.part"))
+        assert not (tmp_path / "out").exists()
 
-    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
-    render(rendered, tmp_path, lone_client)
-    assert identity(first.path) == before
-    assert contents(tmp_path / "out") == contents(undisturbed[1])
+        make_room(disk)
+        render(rendered, tmp_path, lone_client)
+        assert identity(first.path) == before
+        assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_shards_are_copied_whole_to_another_disk_or_not_at_all(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    shard_bytes: int,
+    lone_client: Client,
+    tmp_path: Path,
+) -> None:
+    disk = tmp_path / "disk"
+    with small_disk(disk, shard_bytes):
+        with pytest.raises(InputError, match="No space left on device; make room") as caught:
+            render_set(rendered, undisturbed[0], disk / "out", lone_client, PATIENCE_S)
+        assert str(caught.value).startswith(f"{disk / 'out'}: ")
+        (name,) = contents(disk / "out")
+        assert (disk / "out" / name).read_bytes() == (undisturbed[1] / name).read_bytes()
+
+        make_room(disk)
+        render_set(rendered, undisturbed[0], disk / "out", lone_client, PATIENCE_S)
+        assert contents(disk / "out") == contents(undisturbed[1])
 
 
 # A shard cannot be rendered.

@@ -109,6 +109,15 @@ class SceneFacts:
         return [0.0] * len(self.shafts) if self.rolls_deg is None else self.rolls_deg
 
 
+@pydantic.dataclasses.dataclass(frozen=True)
+class Origin:
+    """What shaft.json says an image was drawn from: the seed of its set, and its number there."""
+
+    seed: Count
+    index: Count
+
+
+_ORIGIN = TypeAdapter(Origin)
 # What each JSON member holds.
 _KINDS: dict[str, TypeAdapter[Any]] = {
     "camera.json": TypeAdapter(CameraFacts),
@@ -145,7 +154,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     """
     jpeg = _member(members, "rgb.jpg")
     rgb = _decode(jpeg, size_px)
-    parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
+    parts = {suffix: _parse(members, suffix, kind) for suffix, kind in _KINDS.items()}
     facts: SceneFacts = parts["shaft.json"]
     for suffix in ("gt.json", "gt_info.json", "mask.json", "mask_visib.json"):
         _agree(len(parts[suffix]), len(facts.shafts), suffix)
@@ -161,6 +170,12 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
         amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
         facts=facts,
     )
+
+
+def read_origin(members: Mapping[str, bytes]) -> Origin:
+    """What an image was drawn from; raises InputError as `read_image` does."""
+    origin: Origin = _parse(members, "shaft.json", _ORIGIN)
+    return origin
 
 
 def _member(members: Mapping[str, bytes], suffix: str) -> bytes:
@@ -179,9 +194,10 @@ def _decode(jpeg: bytes, size_px: int) -> Image:
     return rgb
 
 
-def _parse(data: bytes, suffix: str) -> Any:
+def _parse(members: Mapping[str, bytes], suffix: str, kind: TypeAdapter[Any]) -> Any:
+    data = _member(members, suffix)
     try:
-        return _KINDS[suffix].validate_json(data)
+        return kind.validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from shaftpose.config import RenderSettings
 from shaftpose.dataset.image_checks import Body, check_image
 from shaftpose.dataset.image_facts import ImageFacts
+from shaftpose.dataset.rendered_image import read_origin
 from shaftpose.errors import InputError
 from shaftpose.instruments import POSE_DIMENSIONS
 from shaftpose.shards import RENDER_ALL, is_whole, sample_key
@@ -28,13 +29,14 @@ _pose = attrgetter(*POSE_DIMENSIONS)
 class ExpectedSet:
     """What a folder of shards must hold.
 
-    body: of the instrument; shards: file name -> numbers of its images; backgrounds: file name ->
-    id of its source.
+    body: of the instrument; seed: that its images are drawn from; shards: file name -> numbers of
+    its images; backgrounds: file name -> id of its source.
     """
 
     folder: Path
     settings: RenderSettings
     body: Body
+    seed: int
     shards: Mapping[str, range]
     backgrounds: Mapping[str, str]
 
@@ -86,7 +88,9 @@ def check_sets(expected: Mapping[str, ExpectedSet], workers: int) -> dict[str, l
 
 def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
     """Check the shard `name` of a set and each of its images."""
-    path, keys = expected.folder / name, [sample_key(n) for n in expected.shards[name]]
+    path = expected.folder / name
+    numbers = {sample_key(number): number for number in expected.shards[name]}
+    keys = list(numbers)
     if not path.is_file() or not is_whole(path):
         state = "truncated or damaged" if path.is_file() else "missing"
         return CheckedShard(path, (), (Problem(path, f"{keys[0]} to {keys[-1]}", state),))
@@ -103,9 +107,21 @@ def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
             facts, found = check_image(
                 key, members[key], expected.settings, expected.body, expected.backgrounds
             )
-            images += [facts] if facts else []
+            if facts:
+                images.append(facts)
+                found += another_origin(members[key], expected.seed, numbers[key])
             problems += [Problem(path, key, what) for what in found]
     return CheckedShard(path, tuple(images), tuple(problems))
+
+
+def another_origin(members: Mapping[str, bytes], seed: int, number: int) -> list[str]:
+    """What tells that a sound image is one of another set: its seed, or its number there."""
+    try:
+        origin = read_origin(members)
+    except InputError as error:
+        return [str(error)]
+    compared = (("seed", origin.seed, seed), ("index", origin.index, number))
+    return [f"{what} = {found}: in this set {own}" for what, found, own in compared if found != own]
 
 
 def read_members(path: Path) -> dict[str, dict[str, bytes]]:

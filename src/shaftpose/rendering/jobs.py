@@ -25,7 +25,7 @@ from shaftpose.shards import is_whole, shard_name
 # Code that determines the bytes of a shard, relative to the package.
 _SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "images.py")
 _SET = "set.json"
-_SHARD_NAME = re.compile(r"shard-\d{6,}\.tar")  # see `shard_name`
+_SHARD = re.compile(r"shard-\d{6,}\.tar(\.part)?")  # see `shard_name`; `.part`: a copy begun
 
 
 @dataclass(frozen=True)
@@ -123,22 +123,30 @@ def read_set(folder: Path) -> RenderedSet:
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:
-    """Put finished shards into `out` as hard links, or as copies across file systems, and remove
-    those of an earlier, larger set."""
+    """Put finished shards into `out` as hard links, or as copies across file systems.
+
+    All shards that were there go first: whenever this is interrupted, some may be missing, but
+    those of two sets never lie side by side.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    names = {shard.path.name for shard in shards}
     for path in out.iterdir():
-        if _SHARD_NAME.fullmatch(path.name) and path.name not in names:
-            path.unlink(missing_ok=True)
+        if _SHARD.fullmatch(path.name):
+            path.unlink()
     for shard in shards:
-        target = out / shard.path.name
-        target.unlink(missing_ok=True)
+        _link_or_copy(shard.path, out / shard.path.name)
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    """A copy, too, has its final name only when it is whole."""
+    try:
+        os.link(source, target)
+    except OSError:
+        part = target.with_name(f"{target.name}.part")
         try:
-            os.link(shard.path, target)
-        except FileExistsError:  # another run of the same set has just put its shard there
-            continue
-        except OSError:
-            shutil.copyfile(shard.path, target)
+            shutil.copyfile(source, part)
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
 
 
 @contextmanager

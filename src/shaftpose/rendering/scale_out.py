@@ -1,15 +1,13 @@
 """Renders a set shard by shard on Dask workers, and survives interruption."""
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from distributed import Client, Future, KilledWorker, as_completed
-from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from shaftpose.errors import InputError
@@ -21,6 +19,7 @@ from shaftpose.rendering.jobs import (
     software,
     write_set,
 )
+from shaftpose.rendering.locks import alone_in
 from shaftpose.rendering.shard_task import Run, render_shard
 
 ATTEMPTS = 3  # at a shard whose Blender crashes or hangs
@@ -38,10 +37,12 @@ def render_set(
 
     Run again after an interruption, it continues with the shards that are unfinished or have been
     cut short since; the result is byte-identical to an undisturbed run. Raises InputError if a
-    shard fails, naming its log, if a disk is full, and if another run is at the same set.
+    shard fails, naming its log, if a disk is full, and if another run is at the same set or in
+    the same `out`.
     """
     folder = scratch.resolve() / rendered.fingerprint()
-    with naming_full_disk(folder), _alone_in(folder):
+    with naming_full_disk(folder), alone_in(folder, scratch), alone_in(out, scratch):
+        folder.mkdir(exist_ok=True)
         shards = rendered.shards(folder)
         missing = [shard for shard in shards if not _is_finished(shard)]
         logger.info("%d of %d shards are to be rendered in %s", len(missing), len(shards), folder)
@@ -49,23 +50,6 @@ def render_set(
         _render(missing, Run(software(), str(folder), hang_s), client)
         with naming_full_disk(out):
             link_shards(shards, out)
-
-
-@contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
-    """Make a folder and hold its lock, which the system releases however this process ends."""
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / "lock")
-    try:
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise InputError(
-            f"{folder}: another run is rendering this set; let it end first"
-        ) from error
-    try:
-        yield
-    finally:
-        lock.release()
 
 
 def _is_finished(shard: Shard) -> bool:
