@@ -12,7 +12,7 @@ from shaftpose.rendering.compositing import to_linear
 from shaftpose.rendering.scene import Steel
 
 _NORMAL_MAP_PX = 512
-# Share of the scratches' slopes that is wide enough for a pixel to show; the rest is roughness.
+# Share of the scratches' slopes that the normal map has; the rest of their variance is roughness.
 _SHOWN_SLOPES = 0.5
 _SLOPE = 0.27  # root mean square of the normal map's slopes
 _MIRRORED_PX = 24
