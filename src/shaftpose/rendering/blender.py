@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings, SceneSettings
-from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.geometry import Camera, ShaftPose, mask_box
 from shaftpose.images import read_rgb
 from shaftpose.rendering.cycles_passes import PassReader
 from shaftpose.rendering.device import use_device
@@ -26,8 +27,9 @@ from shaftpose.rendering.materials import (
     TissueMaterial,
     mirrored_image,
 )
-from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_box
+from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_outline
 from shaftpose.rendering.optics import pinhole_behind, seen_by
+from shaftpose.rendering.regions import Region, cover
 from shaftpose.rendering.scene import Light, Occluder, Scene
 from shaftpose.rendering.shapes import instrument_shape
 
@@ -38,24 +40,11 @@ _RING_LAMPS = 8
 _LAMP_SIZE_MM = 1.5
 # The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
 _MARGIN_PX = 3
+# One more render costs as much as a sample each of so many empty pixels.
+_RENDER_PX_SAMPLES = 24_000
 _OCCLUDER_INDEX = 30_000  # beyond any number of shafts; Blender takes up to 32,767
 # Metal mirrors the cube after one bounce, and after two what the other shaft mirrors.
 _BOUNCES = 2
-
-
-@dataclass(frozen=True)
-class Region:
-    """A rectangle of the image, in whole pixels."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Rows and columns, for indexing an (H, W) array."""
-        return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
 
 @dataclass(frozen=True)
@@ -80,6 +69,7 @@ class Renderer:
     def __init__(self, settings: RenderSettings) -> None:
         self._mesh = instrument_shape(settings.shaft).mesh
         self._pinhole = pinhole_behind(settings)
+        self._samples = settings.samples
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
         _set_up_cycles(self._scene, self._pinhole.width, settings.samples)
@@ -174,7 +164,7 @@ class Renderer:
 
     def _render_for(self, camera: Camera) -> Foreground | None:
         """The scene as it is placed, seen by `camera`."""
-        foreground = self._render_region()
+        foreground = self._render_regions()
         if foreground is None or camera == self._pinhole:
             return foreground
         linear = np.zeros((self._pinhole.height, self._pinhole.width, 4), dtype=np.float32)
@@ -184,33 +174,34 @@ class Renderer:
         whole = Region(0, 0, camera.width, camera.height)
         return Foreground(whole, *seen_by(camera, self._pinhole, linear, index))
 
-    def _render_region(self) -> Foreground | None:
-        region = self._region()
-        if region is None:
+    def _render_regions(self) -> Foreground | None:
+        """Blender is called for each part of the picture that has something in it."""
+        touched = self._touched()
+        if not touched.any():
             return None
-        _set_border(self._scene, region, self._pinhole)
-        passes = self._reader.render()
-        index = np.rint(passes["IndexOB"][..., 0]).astype(np.int64)
+        linear = np.zeros((*touched.shape, 4), dtype=np.float32)
+        index = np.zeros(touched.shape, dtype=np.int64)
+        for region in cover(touched, _RENDER_PX_SAMPLES / self._samples):
+            _set_border(self._scene, region, self._pinhole)
+            passes = self._reader.render()
+            linear[region.slices] = passes["Combined"]
+            index[region.slices] = np.rint(passes["IndexOB"][..., 0])
         index[index == _OCCLUDER_INDEX] = 0
-        return Foreground(region, passes["Combined"], index)
+        whole = Region(*mask_box(touched))
+        return Foreground(whole, linear[whole.slices], index[whole.slices])
 
-    def _region(self) -> Region | None:
+    def _touched(self) -> NDArray[np.bool_]:
+        """(H, W) the pixels that a shaft or an occluder may touch, and a margin around them."""
         placed = [(self._mesh, place) for place in self._places]
         placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders]
-        boxes = []
+        touched = np.zeros((self._pinhole.height, self._pinhole.width), dtype=np.uint8)
         for mesh, matrix in placed:
             points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-            boxes.append(projected_box(self._pinhole, points, mesh.edges))
-        found = np.array([box for box in boxes if box is not None])
-        if not len(found):
-            return None
-        low = np.floor(found[:, :2].min(axis=0)).astype(int) - _MARGIN_PX
-        high = np.ceil(found[:, 2:].max(axis=0)).astype(int) + _MARGIN_PX
-        width, height = self._pinhole.width, self._pinhole.height
-        return Region(
-            max(int(low[0]), 0), max(int(low[1]), 0),
-            min(int(high[0]), width), min(int(high[1]), height),
-        )  # fmt: skip
+            outline = projected_outline(self._pinhole, points, mesh.edges)
+            if outline is not None:
+                cv2.fillConvexPoly(touched, np.rint(outline).astype(np.int32), 1)
+        margin = np.ones((2 * _MARGIN_PX + 1, 2 * _MARGIN_PX + 1), dtype=np.uint8)
+        return np.asarray(cv2.dilate(touched, margin), dtype=bool)
 
 
 def kelvin_to_rgb(kelvin: float) -> tuple[float, float, float]:

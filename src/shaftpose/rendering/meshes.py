@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -110,11 +111,13 @@ def _unevenness(unit: Array, shape_seed: int) -> Array:
     return wobble
 
 
-def projected_box(camera: Camera, points_mm: Array, edges: NDArray[np.int64]) -> Array | None:
-    """Extent x0, y0, x1, y1 (px, real numbers, clipped to the image) of a mesh.
+def projected_outline(
+    camera: Camera, points_mm: Array, edges: NDArray[np.int64]
+) -> NDArray[np.float32] | None:
+    """(N, 2) corners, px, of the convex polygon that holds a mesh's picture, also beyond the image.
 
     points_mm: (V, 3) in the camera frame; edges that cross the near plane are cut there, so a
-    shaft that passes beside the camera is handled. None if the mesh is out of view.
+    shaft that passes beside the camera is handled. None if the mesh lies behind the camera.
     """
     start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -124,8 +127,5 @@ def projected_box(camera: Camera, points_mm: Array, edges: NDArray[np.int64]) ->
     visible = np.concatenate([points_mm[points_mm[:, 2] >= _NEAR_MM], cuts])
     if not len(visible):
         return None
-    pixels = camera.project(visible)
-    limit = np.array([camera.width, camera.height], dtype=np.float64)
-    low = np.clip(pixels.min(axis=0), 0, limit)
-    high = np.clip(pixels.max(axis=0), 0, limit)
-    return None if np.any(high <= low) else np.concatenate([low, high])
+    hull: NDArray[np.float32] = cv2.convexHull(camera.project(visible).astype(np.float32))
+    return hull.reshape(-1, 2)
