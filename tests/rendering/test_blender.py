@@ -19,7 +19,7 @@ from shaftpose.rendering.scene import Scene
 from shaftpose.shards import Sample, encode_sample
 
 if TYPE_CHECKING:
-    from shaftpose.rendering.blender import Foreground, Region, Renderer
+    from shaftpose.rendering.blender import Foreground, Renderer
     from shaftpose.rendering.generator import Generator
 
 SEED = 11
@@ -257,12 +257,8 @@ def test_the_rendered_region_equals_a_full_frame(
 def render_full_frame(
     renderer: "Renderer", scene: Scene, camera: Camera, monkeypatch: pytest.MonkeyPatch
 ) -> "Foreground":
-    from shaftpose.rendering.blender import Region
-
-    def everything() -> "Region":
-        return Region(0, 0, camera.width, camera.height)
-
-    monkeypatch.setattr(renderer, "_region", everything)
+    everything = np.ones((camera.height, camera.width), dtype=bool)
+    monkeypatch.setattr(renderer, "_touched", lambda: everything)
     full = renderer.render(scene)
     assert full is not None
     return full
@@ -400,12 +396,16 @@ def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer
 
 
 def test_passes_in_memory_equal_the_files_that_blender_writes(
-    generator: "Generator", renderer: "Renderer", tmp_path: Path
+    generator: "Generator",
+    renderer: "Renderer",
+    camera: Camera,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     scenes = (first_scene(generator, index) for index in range(50))
     scene = next(s for s in scenes if len(s.shafts) == 2 and not s.occluders)
-    foreground = renderer.render(scene)
-    assert foreground is not None
+    # In one piece, as the file is.
+    foreground = render_full_frame(renderer, scene, camera, monkeypatch)
     height, width = foreground.index.shape
     written = render_to_exr(tmp_path, height, width)
     assert foreground.linear[..., 3].max() == 1.0

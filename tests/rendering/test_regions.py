@@ -43,10 +43,9 @@ def test_two_rectangles_are_parted_if_that_saves_more_than_a_render_costs(turned
     if turned:
         mask = mask.T
         whole, *parts = (Region(r.y0, r.x0, r.y1, r.x1) for r in (whole, *parts))
-    # 40 x 24 = 960 px together, 40 px each.
-    assert cover(mask, 960 - 2 * 40 - 1) != [whole]
-    assert cover(mask, 200) == parts
-    assert cover(mask, 960) == [whole]
+    # 40 x 24 = 960 px together; cut behind the first, 10 x 4 + 30 x 4 = 160 px.
+    assert cover(mask, 799) == parts
+    assert cover(mask, 800) == [whole]
 
 
 @pytest.mark.parametrize("render_px", [FREE, 30.0, 200.0])

@@ -41,7 +41,7 @@ _LAMP_SIZE_MM = 1.5
 # The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
 _MARGIN_PX = 3
 # One more render costs as much as a sample each of so many empty pixels.
-_RENDER_PX_SAMPLES = 24_000
+_RENDER_PX_SAMPLES = 4_000
 _OCCLUDER_INDEX = 30_000  # beyond any number of shafts; Blender takes up to 32,767
 # Metal mirrors the cube after one bounce, and after two what the other shaft mirrors.
 _BOUNCES = 2
@@ -199,7 +199,7 @@ class Renderer:
             points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
             outline = projected_outline(self._pinhole, points, mesh.edges)
             if outline is not None:
-                cv2.fillConvexPoly(touched, np.rint(outline).astype(np.int32), 1)
+                cv2.fillConvexPoly(touched, np.floor(outline).astype(np.int32), (1,))
         margin = np.ones((2 * _MARGIN_PX + 1, 2 * _MARGIN_PX + 1), dtype=np.uint8)
         return np.asarray(cv2.dilate(touched, margin), dtype=bool)
 

@@ -114,10 +114,10 @@ def _unevenness(unit: Array, shape_seed: int) -> Array:
 def projected_outline(
     camera: Camera, points_mm: Array, edges: NDArray[np.int64]
 ) -> NDArray[np.float32] | None:
-    """(N, 2) corners, px, of the convex polygon that holds a mesh's picture, also beyond the image.
+    """(N, 2) corners, px, of the convex polygon around a mesh's picture, clipped to the image.
 
     points_mm: (V, 3) in the camera frame; edges that cross the near plane are cut there, so a
-    shaft that passes beside the camera is handled. None if the mesh lies behind the camera.
+    shaft that passes beside the camera is handled. None if the mesh is out of view.
     """
     start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -127,5 +127,9 @@ def projected_outline(
     visible = np.concatenate([points_mm[points_mm[:, 2] >= _NEAR_MM], cuts])
     if not len(visible):
         return None
-    hull: NDArray[np.float32] = cv2.convexHull(camera.project(visible).astype(np.float32))
-    return hull.reshape(-1, 2)
+    hull = cv2.convexHull(camera.project(visible).astype(np.float32))
+    width, height = camera.width, camera.height
+    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
+    # Far corners would be drawn some pixels off: OpenCV fills polygons in whole numbers.
+    area, outline = cv2.intersectConvexConvex(hull, frame)
+    return np.asarray(outline, dtype=np.float32).reshape(-1, 2) if area > 0 else None
