@@ -20,7 +20,9 @@ def image(
     key: str, background: str, tries: int, *shafts: ShaftFacts, crossing: int = 0
 ) -> ImageFacts:
     source = f"source of {background[0]}"
-    return ImageFacts(key, b"", background, source, tries, crossing, 2000.0, 5000.0, 1.0, shafts)
+    return ImageFacts(
+        key, b"", background, source, 7, 0, tries, crossing, 2000.0, 5000.0, 1.0, shafts
+    )
 
 
 IMAGES = [

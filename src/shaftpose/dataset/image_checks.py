@@ -332,6 +332,8 @@ def _facts(key: str, image: AnnotatedImage, body: Body, ious: Sequence[float | N
         digest=hashlib.blake2b(image.jpeg, digest_size=16).digest(),
         background=facts.background,
         source=facts.source,
+        seed=facts.seed,
+        index=facts.index,
         tries=facts.tries,
         crossing=facts.crossing,
         light_strength=facts.light.strength,

@@ -25,13 +25,15 @@ class ShaftFacts:
 
 @dataclass(frozen=True, slots=True)
 class ImageFacts:
-    """One image; `tries` counts the shafts that the pose sampler drew for it, `crossing` those that
-    were drawn apart, to pass before others."""
+    """One image, drawn from the seed of its set and its index there; `tries` counts the shafts that
+    the pose sampler drew for it, `crossing` those that were drawn apart, to pass before others."""
 
     key: str
     digest: bytes  # of the image file
     background: str
     source: str
+    seed: int
+    index: int
     tries: int
     crossing: int
     light_strength: float

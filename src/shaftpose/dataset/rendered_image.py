@@ -90,8 +90,9 @@ class Steel:
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
 class SceneFacts:
-    """What is read of shaft.json; rolls are stated where any can be seen,
-    `crossing`, the number of shafts that pass before others, where there are any."""
+    """What is read of shaft.json. The image was drawn from the seed of its set and its index there;
+    rolls are stated where any can be seen, `crossing`, the number of shafts that pass before
+    others, where there are any."""
 
     shafts: list[ShaftPose]
     steels: list[Steel]
@@ -99,6 +100,8 @@ class SceneFacts:
     occluders: list[Any]
     background: str
     source: str
+    seed: Count
+    index: Count
     tries: Count
     rolls_deg: list[float] | None = None
     crossing: Count = 0
@@ -109,15 +112,6 @@ class SceneFacts:
         return [0.0] * len(self.shafts) if self.rolls_deg is None else self.rolls_deg
 
 
-@pydantic.dataclasses.dataclass(frozen=True)
-class Origin:
-    """What shaft.json says an image was drawn from: the seed of its set, and its number there."""
-
-    seed: Count
-    index: Count
-
-
-_ORIGIN = TypeAdapter(Origin)
 # What each JSON member holds.
 _KINDS: dict[str, TypeAdapter[Any]] = {
     "camera.json": TypeAdapter(CameraFacts),
@@ -154,7 +148,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     """
     jpeg = _member(members, "rgb.jpg")
     rgb = _decode(jpeg, size_px)
-    parts = {suffix: _parse(members, suffix, kind) for suffix, kind in _KINDS.items()}
+    parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
     facts: SceneFacts = parts["shaft.json"]
     for suffix in ("gt.json", "gt_info.json", "mask.json", "mask_visib.json"):
         _agree(len(parts[suffix]), len(facts.shafts), suffix)
@@ -170,12 +164,6 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
         amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
         facts=facts,
     )
-
-
-def read_origin(members: Mapping[str, bytes]) -> Origin:
-    """What an image was drawn from; raises InputError as `read_image` does."""
-    origin: Origin = _parse(members, "shaft.json", _ORIGIN)
-    return origin
 
 
 def _member(members: Mapping[str, bytes], suffix: str) -> bytes:
@@ -194,10 +182,9 @@ def _decode(jpeg: bytes, size_px: int) -> Image:
     return rgb
 
 
-def _parse(members: Mapping[str, bytes], suffix: str, kind: TypeAdapter[Any]) -> Any:
-    data = _member(members, suffix)
+def _parse(data: bytes, suffix: str) -> Any:
     try:
-        return kind.validate_json(data)
+        return _KINDS[suffix].validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

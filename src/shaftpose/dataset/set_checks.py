@@ -14,7 +14,6 @@ from tqdm import tqdm
 from shaftpose.config import RenderSettings
 from shaftpose.dataset.image_checks import Body, check_image
 from shaftpose.dataset.image_facts import ImageFacts
-from shaftpose.dataset.rendered_image import read_origin
 from shaftpose.errors import InputError
 from shaftpose.instruments import POSE_DIMENSIONS
 from shaftpose.shards import RENDER_ALL, is_whole, sample_key
@@ -109,18 +108,14 @@ def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
             )
             if facts:
                 images.append(facts)
-                found += another_origin(members[key], expected.seed, numbers[key])
+                found += another_origin(facts, expected.seed, numbers[key])
             problems += [Problem(path, key, what) for what in found]
     return CheckedShard(path, tuple(images), tuple(problems))
 
 
-def another_origin(members: Mapping[str, bytes], seed: int, number: int) -> list[str]:
+def another_origin(facts: ImageFacts, seed: int, number: int) -> list[str]:
     """What tells that a sound image is one of another set: its seed, or its number there."""
-    try:
-        origin = read_origin(members)
-    except InputError as error:
-        return [str(error)]
-    compared = (("seed", origin.seed, seed), ("index", origin.index, number))
+    compared = (("seed", facts.seed, seed), ("index", facts.index, number))
     return [f"{what} = {found}: in this set {own}" for what, found, own in compared if found != own]
 
 
