@@ -23,6 +23,7 @@ from shaftpose.shards import (
     ShardWriter,
     decode_mask,
     encode_mask,
+    holds,
     is_whole,
     sample_key,
     shard_name,
@@ -319,6 +320,25 @@ def test_a_damaged_header_is_not_passed_over(tmp_path: Path, header: bytes) -> N
         ShardedDataset(tmp_path)
 
 
+def test_a_shard_holds_its_samples_and_no_others(tmp_path: Path) -> None:
+    path, keys = tmp_path / shard_name(0), [sample_key(0), sample_key(1)]
+    write_shard(path, [make_sample(0), make_sample(1)])
+    assert holds(path, keys)
+    assert not holds(path, keys[:1])
+    assert not holds(path, [*keys, sample_key(2)])
+
+
+@pytest.mark.parametrize("name", ["000000000.rgb.jpg", "000000001.rgb.jpg", "000000001.shaft.json"])
+def test_a_shard_of_zeros_from_some_member_on_holds_too_little(tmp_path: Path, name: str) -> None:
+    """What a loss of power may leave looks like the end of an archive."""
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0), make_sample(1)])
+    start = member(path, name).offset
+    overwrite(path, start, bytes(path.stat().st_size - start))
+    assert is_whole(path)
+    assert not holds(path, [sample_key(0), sample_key(1)])
+
+
 def test_a_damaged_image_is_named_with_its_key(tmp_path: Path) -> None:
     path = tmp_path / shard_name(0)
     write_shard(path, [make_sample(0), make_sample(1)])
@@ -330,7 +350,7 @@ def test_a_damaged_image_is_named_with_its_key(tmp_path: Path) -> None:
     assert str(caught.value).startswith(f"{path}: ")
     # A shard that counts as whole would be used again: scratch has to go first.
     assert is_whole(path)
-    assert "delete data/scratch" in str(caught.value)
+    assert "delete shard-000000.tar in all folders of data/scratch" in str(caught.value)
 
 
 def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
@@ -400,3 +420,17 @@ def test_the_ply_file_holds_the_mesh_in_triangles(tmp_path: Path) -> None:
     base = sides / 2 * 1.5**2 * np.sin(2 * np.pi / sides)
     assert read.is_watertight
     assert read.volume == pytest.approx(150 * base, rel=1e-4)
+
+
+def test_models_that_are_written_again_leave_links_to_the_old_files(tmp_path: Path) -> None:
+    """DVC's cache may be one."""
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
+    files = ("models_info.json", "obj_000001.ply")
+    before = {name: (tmp_path / "models" / name).read_text() for name in files}
+    for name in files:
+        (tmp_path / name).hardlink_to(tmp_path / "models" / name)
+    write_models(tmp_path / "models", 2 * mesh.vertices, mesh.faces, 6.0, 300.0, revolved=True)
+    for name in files:
+        assert (tmp_path / name).read_text() == before[name]
+        assert (tmp_path / "models" / name).read_text() != before[name]

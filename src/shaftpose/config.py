@@ -48,6 +48,12 @@ def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _colour_temperatures(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 3000 <= pair[0] <= pair[1] <= 10000:
+        raise ValueError("both ends must lie in [3000, 10000] K, the lower one first")
+    return pair
+
+
 def _above_zero(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[0] <= 0:
         raise ValueError("the lower end must lie above 0")
@@ -63,6 +69,7 @@ def _qualities(pair: tuple[int, int]) -> tuple[int, int]:
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
 PositiveRange = Annotated[Range, AfterValidator(_not_negative)]
 SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
+KelvinRange = Annotated[tuple[float, float], AfterValidator(_colour_temperatures)]
 UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
 QualityRange = Annotated[tuple[int, int], AfterValidator(_qualities)]
 Count = Annotated[int, Field(ge=0)]
@@ -171,7 +178,7 @@ class SceneSettings:
     lens_radius_mm: Annotated[float, Field(ge=0)]
     min_visible_px: PositiveInt
     light_strength: PositiveRange
-    light_kelvin: PositiveRange
+    light_kelvin: KelvinRange
     light_shape: Literal["twin", "ring"]
     ambient: PositiveRange
     steel_grey: UnitRange

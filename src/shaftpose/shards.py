@@ -11,7 +11,7 @@ import json
 import os
 import socket
 import tarfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +26,16 @@ from shaftpose.images import decode_rgb, encode_jpeg
 from shaftpose.instruments import Annotations
 
 SHAFT_OBJECT_ID = 1
+# The members of one sample.
+SUFFIXES = (
+    "rgb.jpg",
+    "camera.json",
+    "gt.json",
+    "gt_info.json",
+    "mask.json",
+    "mask_visib.json",
+    "shaft.json",
+)
 
 
 @dataclass(frozen=True)
@@ -103,6 +113,7 @@ class ShardWriter:
         try:
             self._tar.close()  # writes: on a full disk this fails, too
             if kind is None:
+                _write_through(self._temporary)
                 self._temporary.replace(self._path)
         finally:
             self._temporary.unlink(missing_ok=True)
@@ -113,6 +124,12 @@ class ShardWriter:
             member = tarfile.TarInfo(f"{sample.key}.{suffix}")
             member.size = len(data)
             self._tar.addfile(member, io.BytesIO(data))
+
+
+def _write_through(path: Path) -> None:
+    """Bring a file to the disk: else a loss of power may leave zeros under its final name."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
 
 
 def _part_prefix(path: Path) -> str:
@@ -253,7 +270,7 @@ class ShardedDataset:
         path, data = self._read(key, "rgb.jpg")
         image = decode_rgb(data)
         if image is None:
-            raise InputError(f"{path}: image {key} is damaged; {RENDER_ALL}")
+            raise InputError(f"{path}: image {key} is damaged; {render_anew([path])}")
         return image
 
     def annotations(self, key: str) -> Annotations:
@@ -262,7 +279,8 @@ class ShardedDataset:
             poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
             boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
         except (KeyError, TypeError) as error:
-            message = f"{self.folder}: the annotations of {key} are damaged; {RENDER_ALL}"
+            path = self._location(key, "gt_info.json").path
+            message = f"{path}: the annotations of {key} are damaged; {render_anew([path])}"
             raise InputError(message) from error
         return Annotations(
             np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
@@ -295,15 +313,17 @@ class ShardedDataset:
         try:
             return json.loads(data)
         except ValueError as error:
-            raise InputError(f"{path}: {key}.{suffix} is damaged; {RENDER_ALL}") from error
+            message = f"{path}: {key}.{suffix} is damaged; {render_anew([path])}"
+            raise InputError(message) from error
 
     def _read(self, key: str, suffix: str) -> tuple[Path, bytes]:
         """The shard and the bytes of a member; the shard may have gone since it was indexed."""
         location = self._location(key, suffix)
+        path = location.path
         try:
-            return location.path, location.read()
+            return path, location.read()
         except OSError as error:
-            message = f"{location.path}: cannot be read ({error.strerror}); {RENDER_ALL}"
+            message = f"{path}: cannot be read ({error.strerror}); {render_anew([path])}"
             raise InputError(message) from error
 
     def _location(self, key: str, suffix: str) -> Location:
@@ -314,8 +334,13 @@ class ShardedDataset:
 
 
 _RENDER = "run `dvc repro -s -f render` (a shard of your own: write it again)"
-# A shard that is whole is not rendered again, whatever its members hold: it has to go first.
-RENDER_ALL = f"delete data/scratch, then {_RENDER}"
+
+
+def render_anew(shards: Iterable[Path]) -> str:
+    """The remedy for shards that are whole and yet wrong: they are not rendered again as long as
+    they are there."""
+    names = ", ".join(sorted({shard.name for shard in shards}))
+    return f"delete {names} in all folders of data/scratch, then {_RENDER}"
 
 
 def is_whole(path: Path) -> bool:
@@ -326,6 +351,15 @@ def is_whole(path: Path) -> bool:
     except InputError:
         return False
     return True
+
+
+def holds(path: Path, keys: Iterable[str]) -> bool:
+    """Whether a shard is whole and has all members of the samples `keys`, and no others."""
+    try:
+        names = _read_index(path).keys()
+    except InputError:
+        return False
+    return names == {f"{key}.{suffix}" for key in keys for suffix in SUFFIXES}
 
 
 def _read_index(path: Path) -> dict[str, Location]:
@@ -358,7 +392,9 @@ def shard_paths(folder: Path) -> list[Path]:
     """The complete shards of a folder, in order. Raises InputError if there is none."""
     paths = sorted(folder.glob("shard-*.tar"))
     if not paths:
-        raise InputError(f"{folder}: no shard-*.tar in it; run the render stage")
+        inner = sorted({path.parent.name for path in folder.glob("*/shard-*.tar")})
+        remedy = f"name one of its folders: {', '.join(inner)}" if inner else _RENDER
+        raise InputError(f"{folder}: no shard-*.tar in it; {remedy}")
     return paths
 
 
@@ -383,9 +419,16 @@ def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence
         info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
             {"axis": [0, 0, 1], "offset": [0, 0, 0]}
         ]
-    (folder / "models_info.json").write_text(json.dumps(info, indent=1) + "\n")
-    name = f"obj_{SHAFT_OBJECT_ID:06d}.ply"
-    (folder / name).write_text("\n".join(_ply_lines(vertices_mm, _triangles(faces))) + "\n")
+    _replace_text(folder / "models_info.json", json.dumps(info, indent=1))
+    ply = "\n".join(_ply_lines(vertices_mm, _triangles(faces)))
+    _replace_text(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply", ply)
+
+
+def _replace_text(path: Path, text: str) -> None:
+    """Write a new file in the place of what was there: that may be a hard link into DVC's cache,
+    which must not change."""
+    path.unlink(missing_ok=True)
+    path.write_text(f"{text}\n")
 
 
 def _triangles(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from distributed import LocalCluster
 
 from shaftpose.config import ClusterSettings, SlurmSettings
 from shaftpose.errors import InputError
@@ -49,6 +50,15 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
         connect(settings(address="tcp://127.0.0.1:9")),
     ):
         pass
+
+
+def test_a_scheduler_without_workers_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as idle:
+        address = idle.scheduler_address
+        with connect(settings(address=address)):
+            pass
+    (warning,) = (r.getMessage() for r in caplog.records if r.name == cluster.__name__)
+    assert warning.startswith(f"cluster.address = {address}: the scheduler has no workers yet")
 
 
 def test_an_address_that_is_none_is_named() -> None:

@@ -397,3 +397,24 @@ def test_masks_of_a_cad_file_are_those_of_its_shape(cad: list[Rendered]) -> None
             # Rendered alone, a hidden shaft is as large as geometry says.
             assert shaft.info["px_count_all"] == pytest.approx(whole.sum(), rel=0.02)
             np.testing.assert_allclose(shaft.info["bbox_obj"], corner_and_size(whole), atol=1)
+
+
+CROSS = """
+import numpy as np
+from shaftpose.geometry import ShaftPose
+from shaftpose.rendering.generator import crosses
+from shaftpose.shards import Instrument
+def instrument(visible, whole):
+    masks = (np.isin(np.arange(9), pixels).reshape(3, 3) for pixels in (visible, whole))
+    return Instrument(ShaftPose(0.0, 0.0, 20.0, 70.0, 0.0), *masks)
+hidden_by_tissue = instrument([0], [0, 1])
+assert crosses([hidden_by_tissue], 0)
+assert crosses([hidden_by_tissue, instrument([1, 2], [1, 2])], 1)
+assert not crosses([hidden_by_tissue, instrument([2, 3], [2, 3])], 1)
+"""
+
+
+def test_a_shaft_that_tissue_hides_is_not_crossed_for_that(
+    settings: RenderSettings, tmp_path: Path
+) -> None:
+    run_python(CROSS, tmp_path, settings)

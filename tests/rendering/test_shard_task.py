@@ -40,40 +40,70 @@ def watch(shard: Shard) -> Watch:
     return run
 
 
-def write_empty(shard: Shard) -> str:
-    """A program that writes a shard without an image."""
-    return (
-        "from pathlib import Path\nfrom shaftpose.shards import ShardWriter\n"
-        f"with ShardWriter(Path({str(shard.path)!r}), 95): pass\n"
-    )
+def write(shard: Shard, images: int) -> str:
+    """A program that writes `images` black images of a shard."""
+    return f"""
+import numpy as np
+from pathlib import Path
+from shaftpose.geometry import Camera
+from shaftpose.shards import Sample, ShardWriter, sample_key
+with ShardWriter(Path({str(shard.path)!r}), 95) as writer:
+    for index in range({shard.first}, {shard.first + images}):
+        rgb = np.zeros((8, 8, 3), dtype=np.uint8)
+        camera = Camera.from_field_of_view(8, 8, 95.0)
+        writer.write(Sample(sample_key(index), rgb, (), camera, {{}}))
+"""
+
+
+def write_all(shard: Shard) -> str:
+    """A program that writes a shard."""
+    return write(shard, shard.count)
 
 
 def test_a_shard_that_is_there_is_no_failure(watch: Watch, shard: Shard) -> None:
-    assert watch(write_empty(shard)) == ""
+    assert watch(write_all(shard)) == ""
 
 
 @pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGSEGV)", "sys.exit(3)"])
 def test_a_crash_after_the_shard_is_finished_does_not_matter(
     watch: Watch, shard: Shard, end: str
 ) -> None:
-    assert watch(write_empty(shard) + end) == ""
+    assert watch(write_all(shard) + end) == ""
 
 
 def test_a_hang_after_the_shard_is_finished_does_not_matter(
     watch: Watch, shard: Shard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shard_task, "_EXIT_S", 0.1)
-    assert watch(write_empty(shard) + CLOSE_AND_STAY) == ""
+    assert watch(write_all(shard) + CLOSE_AND_STAY) == ""
 
 
 def test_a_hang_with_open_output_does_not_matter_once_the_shard_is_finished(
     watch: Watch, shard: Shard
 ) -> None:
-    assert watch(write_empty(shard) + "time.sleep(600)", hang_s=0.2) == ""
+    assert watch(write_all(shard) + "time.sleep(600)", hang_s=0.2) == ""
 
 
 def test_a_complaint_is_handed_on(watch: Watch) -> None:
     assert watch("print('error: a.jpg: not a picture'); sys.exit(1)") == "a.jpg: not a picture"
+
+
+def test_a_shard_without_all_of_its_images_is_a_failure(watch: Watch, shard: Shard) -> None:
+    """As a loss of power may leave it, with zeros in the place of the rest."""
+    assert (
+        watch(write(shard, shard.count - 1))
+        == f"rendering {shard.path.name} failed; see {shard.log}"
+    )
+
+
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), signal.SIGSEGV)", CLOSE_AND_STAY])
+def test_a_complaint_outlives_a_bad_exit(
+    watch: Watch, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    monkeypatch.setattr(shard_task, "_EXIT_S", 0.1)
+    assert (
+        watch(f"print('error: a.jpg: not a picture', flush=True); {end}") == "a.jpg: not a picture"
+    )
 
 
 def test_whoever_fails_without_a_word_left_a_log(watch: Watch, shard: Shard) -> None:

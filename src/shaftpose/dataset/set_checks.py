@@ -16,7 +16,7 @@ from shaftpose.dataset.image_checks import Body, check_image
 from shaftpose.dataset.image_facts import ImageFacts
 from shaftpose.errors import InputError
 from shaftpose.instruments import POSE_DIMENSIONS
-from shaftpose.shards import RENDER_ALL, is_whole, sample_key
+from shaftpose.shards import is_whole, render_anew, sample_key
 
 logger = logging.getLogger(__name__)
 
@@ -172,4 +172,5 @@ def refuse(problems: Sequence[Problem]) -> None:
         logger.error("%s", problem)
     if len(problems) > MOST_NAMED:
         logger.error("and %d more", len(problems) - MOST_NAMED)
-    raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {RENDER_ALL}")
+    remedy = render_anew(problem.shard for problem in problems[:MOST_NAMED])
+    raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {remedy}")

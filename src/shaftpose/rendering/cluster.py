@@ -21,6 +21,8 @@ from shaftpose.errors import InputError
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
 
+logger = logging.getLogger(__name__)
+
 # Python source that Dask has each worker process execute. Ctrl-C reaches all processes of a
 # terminal: the one that started the run ends the others in order.
 _LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -52,12 +54,18 @@ def connect(settings: ClusterSettings) -> Iterator[Client]:
 
 def _client_of(address: str) -> Client:
     try:
-        return Client(address, timeout=_ANSWER_S, set_as_default=False)
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
             f"cluster.address = {address}: no Dask scheduler answers there; start one, or set it "
             "to null to render on this machine"
         ) from error
+    if not client.scheduler_info()["workers"]:
+        logger.warning(
+            "cluster.address = %s: the scheduler has no workers yet; nothing is rendered until "
+            "`dask worker %s --nthreads 1 --memory-limit 0` runs somewhere", address, address,
+        )  # fmt: skip
+    return client
 
 
 def _local(workers: int) -> LocalCluster:

@@ -76,7 +76,7 @@ class Generator:
             found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
             # Occluders stand before the first shafts, one each.
             hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
-            if all(low <= share <= high for share in hidden) and _crosses(scene, found):
+            if all(low <= share <= high for share in hidden) and crosses(found, scene.crossing):
                 return scene, foreground, found
         raise InputError(
             f"image {index}: in each of {_MOST_DRAWS} draws a shaft shows fewer than "
@@ -112,11 +112,15 @@ class Generator:
         }
 
 
-def _crosses(scene: Scene, instruments: Sequence[Instrument]) -> bool:
-    """Whether a shaft that shall cross hides part of another: the sampler knows but the rods around
-    the instruments."""
-    others = instruments[: len(instruments) - scene.crossing]
-    return not scene.crossing or any(other.visible_fraction < 1 for other in others)
+def crosses(instruments: Sequence[Instrument], crossing: int) -> bool:
+    """Whether each of the last `crossing` instruments hides part of another: the sampler knows but
+    the rods around them."""
+    first = len(instruments) - crossing
+    others = instruments[:first]
+    return all(
+        any((last.mask & other.amodal_mask).any() for other in others)
+        for last in instruments[first:]
+    )
 
 
 def _masks(scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:

@@ -20,7 +20,7 @@ import shaftpose
 from shaftpose.config import RenderSettings, from_json, to_json
 from shaftpose.errors import InputError
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.shards import is_whole, shard_name
+from shaftpose.shards import holds, sample_key, shard_name
 
 # Code that determines the bytes of a shard, relative to the package.
 _SOURCES = ("rendering/*.py", "geometry.py", "shards.py", "images.py")
@@ -97,8 +97,9 @@ class Shard:
         return self.path.with_suffix(".log")
 
     def is_finished(self) -> bool:
-        """Whether the shard is there and whole."""
-        return self.path.exists() and is_whole(self.path)
+        """Whether the shard is there and holds its images."""
+        keys = (sample_key(index) for index in range(self.first, self.first + self.count))
+        return self.path.exists() and holds(self.path, keys)
 
 
 def write_set(rendered: RenderedSet, folder: Path) -> None:

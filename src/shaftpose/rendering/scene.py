@@ -179,15 +179,15 @@ class SceneSampler:
         sampled, crossing = self._sample_poses(draws, sampler)
         steels = [sample_steel(rng, settings.scene) for _ in sampled.poses]
         steels += [sample_steel(draws.crossing, settings.scene) for _ in crossing]
-        rolls = draws.surface.uniform(0, 360, len(steels))
+        turned = [sample_turning(draws.surface, settings.scene) for _ in steels]
         return Scene(
             background=background,
             camera=camera,
             shafts=sampled.poses + crossing,
-            rolls_deg=tuple(0.0 if self._revolved else float(roll) for roll in rolls),
+            rolls_deg=tuple(0.0 if self._revolved else roll_deg for roll_deg, _ in turned),
             steels=tuple(
-                replace(steel, anisotropy=_uniform(draws.surface, settings.scene.anisotropy))
-                for steel in steels
+                replace(steel, anisotropy=anisotropy)
+                for steel, (_, anisotropy) in zip(steels, turned, strict=True)
             ),
             light=sample_light(rng, settings.scene),
             occluders=sample_occluders(rng, sampled.poses, settings),
@@ -245,6 +245,11 @@ def sample_steel(rng: np.random.Generator, scene: SceneSettings) -> Steel:
         scratches=_uniform(rng, scene.scratches),
         grain=float(rng.uniform(2.0, 8.0)),
     )
+
+
+def sample_turning(rng: np.random.Generator, scene: SceneSettings) -> tuple[float, float]:
+    """A shaft's roll in degrees, and the anisotropy of its steel within the settings' range."""
+    return float(rng.uniform(0, 360)), _uniform(rng, scene.anisotropy)
 
 
 def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) -> tuple[Film, ...]:

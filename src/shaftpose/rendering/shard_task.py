@@ -138,9 +138,11 @@ def _follow(
 
 
 def _failure(status: int, shard: Shard, complaint: str) -> str:
+    if complaint:  # Blender may crash or hang when it exits, and be ended for that
+        return complaint
     if status < 0:
         raise InputError(
             f"{shard.path.name}: Blender was ended by {signal.Signals(-status).name} (SIGKILL: "
             f"often for want of memory); see {shard.log}"
         )
-    return complaint or f"rendering {shard.path.name} failed; see {shard.log}"
+    return f"rendering {shard.path.name} failed; see {shard.log}"

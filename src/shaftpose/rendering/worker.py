@@ -41,10 +41,11 @@ def main() -> None:
         with naming_full_disk(shard.path.parent):
             _send_output_to(shard.log)
             render_shard(read_set(shard.path.parent), shard, progress)
-        progress.close()  # whoever listens knows that it is over, even if Blender hangs at its exit
     except InputError as error:
-        print(f"{COMPLAINT}{error}", file=progress, flush=True)
+        print(f"{COMPLAINT}{error}", file=progress)
         sys.exit(1)
+    finally:
+        progress.close()  # whoever listens knows that it is over, even if Blender hangs at its exit
 
 
 def render_shard(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
