@@ -65,7 +65,7 @@ bench: $(READY)  ## images/s of the models that `make repro` made
 
 bench-render: $(READY)  ## images/s, quality and memory of the renderer, on an idle machine
 	python -m benchmarks.render
-	python benchmarks/scaling_table.py
+	python -m benchmarks.scaling_tables
 
 bench-train: $(READY)  ## images/s of the network's step alone and of whole trainings
 	python -m benchmarks.training

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.render import AIMS, table
+from benchmarks.render import table
 from benchmarks.rendering import profile
+from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import ROOT, parameters
 from benchmarks.rendering.memory import memory_mib
 from benchmarks.rendering.quality import psnr_db
