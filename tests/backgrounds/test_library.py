@@ -150,7 +150,7 @@ def test_an_interrupted_library_has_no_index(tmp_path: Path) -> None:
     (images / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError):
         write_library(read_source_images(images), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
-    with pytest.raises(InputError, match="index.csv does not exist: run the backgrounds stage"):
+    with pytest.raises(InputError, match="index.csv does not exist: run `dvc repro backgrounds`"):
         read_library(tmp_path)
 
 
@@ -169,7 +169,7 @@ def test_no_variations_is_an_error(tmp_path: Path) -> None:
 )
 def test_an_unusable_index_is_an_error(tmp_path: Path, text: str, complaint: str) -> None:
     (tmp_path / "index.csv").write_text(text)
-    with pytest.raises(InputError, match=f"{complaint}.*run the backgrounds stage") as error:
+    with pytest.raises(InputError, match=f"{complaint}.*run `dvc repro backgrounds`") as error:
         read_library(tmp_path)
     assert str(tmp_path / "index.csv") in str(error.value)
 
@@ -177,5 +177,5 @@ def test_an_unusable_index_is_an_error(tmp_path: Path, text: str, complaint: str
 def test_a_listed_file_that_is_missing_is_named(tmp_path: Path) -> None:
     write_library(sources(2), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
     (tmp_path / "000001.jpg").unlink()
-    with pytest.raises(InputError, match="000001.jpg.*run the backgrounds stage"):
+    with pytest.raises(InputError, match="000001.jpg.*run `dvc repro backgrounds`"):
         read_library(tmp_path)

@@ -80,7 +80,7 @@ def test_ranges_are_those_of_the_settings() -> None:
         "| x [mm] | -3 | 1.5 | 5 | -20 to 20 |",
         "| visible fraction | 1 | 1 | 1 |  |",
         "| hidden share behind occluders | 0.4 | 0.4 | 0.4 |  |",
-        "Git does not keep the pictures at the end: `dvc repro validate` draws them.",
+        "Where the pictures at the end are missing, `dvc repro validate` draws them.",
         "![Sheet](figures/sheet.jpg)",
     ],
 )

@@ -165,19 +165,19 @@ def read_library(folder: Path) -> list[Background]:
     """The backgrounds that `index.csv` in `folder` lists, all of which are there."""
     index = folder / INDEX_NAME
     if not index.is_file():
-        raise InputError(f"{index} does not exist: run the backgrounds stage")
+        raise InputError(f"{index} does not exist: run `dvc repro backgrounds`")
     with index.open(newline="", encoding="utf-8") as stream:
         rows = csv.DictReader(stream)
         if rows.fieldnames is None or tuple(rows.fieldnames) != INDEX_COLUMNS:
             columns = ",".join(INDEX_COLUMNS)
-            raise InputError(f"{index} lacks the columns {columns}: run the backgrounds stage")
+            raise InputError(f"{index} lacks the columns {columns}: run `dvc repro backgrounds`")
         backgrounds = [Background(folder / row["file"], row["source"]) for row in rows]
     if not backgrounds:
-        raise InputError(f"{index} lists no backgrounds: run the backgrounds stage")
+        raise InputError(f"{index} lists no backgrounds: run `dvc repro backgrounds`")
     for background in backgrounds:
         if not background.path.is_file():
             raise InputError(
-                f"{background.path} is listed in {index} but missing: run the backgrounds stage"
+                f"{background.path} is listed in {index} but missing: run `dvc repro backgrounds`"
             )
     return backgrounds
 

@@ -109,7 +109,7 @@ def to_markdown(
     blocks = [
         "# Data card",
         "Stage `validate` has checked every image of these sets.",
-        "Git does not keep the pictures at the end: `dvc repro validate` draws them.",
+        "Where the pictures at the end are missing, `dvc repro validate` draws them.",
         _table(
             ["set", "images", "shafts", "backgrounds", "sources", "drawn shafts", "kept of drawn"],
             [_set_row(name, found) for name, found in sets.items()],

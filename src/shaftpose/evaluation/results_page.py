@@ -40,12 +40,14 @@ def to_page(
 
 
 def _speed(benchmarks: Mapping[str, Any]) -> list[str]:
-    """For each benchmark its single values, then its lists as tables."""
+    """For each benchmark its single values, then its lists as tables; `parts`, the details that its
+    values come from, stay in its file."""
     parts = []
     for name, content in benchmarks.items():
-        single = [[key, _text(value)] for key, value in _flat(content) if not _is_table(value)]
+        shown = _flat({key: value for key, value in content.items() if key != "parts"})
+        single = [[key, _text(value)] for key, value in shown if not _is_table(value)]
         parts += [f"### {name}", pipe_table(["key", "value"], single)]
-        for key, rows in _flat(content):
+        for key, rows in shown:
             if _is_table(rows):
                 cells = [[_text(value) for value in row.values()] for row in rows]
                 parts += [f"{key}:", pipe_table(list(rows[0]), cells)]
