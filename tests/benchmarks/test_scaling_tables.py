@@ -1,33 +1,109 @@
-"""Times and sizes of the scaling table, by hand."""
+"""Times, sizes and verdicts of the tables of docs/scaling.md, by hand."""
 
 import json
-import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
+from benchmarks import scaling_tables
+from benchmarks.scaling_tables import (
+    DURATIONS,
+    PAGE,
+    SIZES,
+    Measured,
+    aims_table,
+    cost_table,
+    filled,
+    profile_table,
+    quality_table,
+    rounded,
+    with_tables,
+)
+from shaftpose.config import from_json
+from shaftpose.errors import InputError
 
-import scaling_table  # noqa: E402
-from scaling_table import BEGIN, DURATIONS, END, PAGE, SIZES, Measured, filled, rounded, table  # noqa: E402
+# 2 workers, 10 images/s: 0.2 core-seconds each.
+FOUND: dict[str, Any] = {
+    "images_per_s": 10.0,
+    "psnr_db": 31.47,
+    "speedup_vs_plain": 46.2,
+    "two_worker_speedup": 1.75,
+    "rss_growth": 0.05,
+    "rss_mib": 385.0,
+    "bytes_per_image": 90_000,
+    "workers": 2,
+    "machine": {"cores": 2},
+    "settings": {"samples": 6, "seed": 1},
+    "parts": {
+        "quality": {
+            "curve": [
+                {"samples": 6, "psnr_db": 31.47, "psnr_db_least": 20.0, "seconds": 0.16},
+                {"samples": 32, "psnr_db": 38.2, "psnr_db_least": 30.0, "seconds": 0.5},
+                {"samples": 64, "psnr_db": 41.0, "psnr_db_least": 32.0, "seconds": 1.0},
+            ]
+        },
+        "profile": {"milliseconds": {"annotation": 30.0, "path tracing": 120.0}, "images": 5},
+        "plain": {"plain_s": 3.0, "ours_s": 0.08},
+    },
+}
 
-from shaftpose.config import from_json  # noqa: E402
-from shaftpose.errors import InputError  # noqa: E402
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The benchmark's file, which the module reads."""
+    path = tmp_path / "render.json"
+    path.write_text(json.dumps(FOUND))
+    monkeypatch.setattr(scaling_tables, "RESULTS", path)
+    return path
 
 
-def test_rows_by_hand() -> None:
-    # 2 workers, 10 images/s: 0.2 core-seconds each. 1e5 images: 2e4 s = 5.6 h on one core.
-    text = table(Measured(images_per_s=10.0, bytes_per_image=90_000.0, workers=2))
-    assert "10 images/s with 2 workers" in text
-    assert "0.2 core-seconds" in text
-    assert text.splitlines()[-5:] == [
+@pytest.fixture
+def measured(results: Path) -> Measured:
+    return from_json(Measured, results)
+
+
+def test_costs_by_hand(measured: Measured) -> None:
+    """1e5 images: 2e4 s = 5.6 h on one core."""
+    assert cost_table(measured).splitlines() == [
+        "At 6 samples per pixel: 10 images/s with 2 workers, a core each:",
+        "0.2 core-seconds and 90 kB per image.",
+        "",
         "| images | storage | 1 core | 16 cores | 1,000 cores |",
-        "|---|---|---|---|---|",
+        "| --- | --- | --- | --- | --- |",
         "| 100 thousand | 9.0 GB | 5.6 hours | 21 minutes | 20 seconds |",
         "| 10 million | 900 GB | 23 days | 35 hours | 33 minutes |",
         "| 1 billion | 90 TB | 6.3 years | 145 days | 2.3 days |",
     ]
+
+
+def test_aims_by_hand(measured: Measured) -> None:
+    rows = [line.strip("|").split("|")[1:] for line in aims_table(measured).splitlines()[4:]]
+    assert [[cell.strip() for cell in row] for row in rows] == [
+        [">= 10", "10", "met"],
+        [">= 38", "31.47", "missed"],
+        [">= 15", "46.2", "met"],
+        [">= 1.8", "1.75", "missed"],
+        ["< 0.05", "0.05", "missed"],
+        ["< 1024", "385", "met"],
+    ]
+
+
+def test_the_profile_has_the_longest_step_first(measured: Measured) -> None:
+    assert profile_table(measured).splitlines()[2:] == [
+        "| path tracing | 120.0 | 80% |",
+        "| annotation | 30.0 | 20% |",
+    ]
+
+
+def test_the_price_of_quality_by_hand(measured: Measured) -> None:
+    """32 samples: 1e5 images of 0.5 s on 16 cores, 52 min; two workers: 1.75 / 0.5 = 3.5 images/s,
+    where a plain script takes 3 s."""
+    *_, middle, _, _, price = quality_table(measured).splitlines()
+    assert middle == "| 32 | 38.2 | 0.500 | 52 minutes |"
+    assert price.startswith(
+        "At the 32 samples that 38 dB take, two workers would render 3.5 images/s, 10 times as many"
+    )
 
 
 @pytest.mark.parametrize(
@@ -46,29 +122,25 @@ def test_units(value: float, units: dict[str, int], text: str) -> None:
 
 
 def test_a_table_is_replaced_and_the_rest_stays() -> None:
-    page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
-    assert filled(page, "new") == f"before\n{BEGIN}\nnew\n{END}\nafter\n"
+    page = "before\n<!-- a: begin -->\nold\n<!-- a: end -->\nafter\n"
+    assert filled(page, "a", "new") == page.replace("old", "new")
     with pytest.raises(InputError, match="table"):
-        filled(f"before {BEGIN} without an end", "new")
+        filled("before <!-- a: begin --> without an end", "a", "new")
 
 
-def test_main_fills_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    results, page = tmp_path / "render.json", tmp_path / "scaling.md"
+def test_main_fills_the_page(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "scaling.md"
     page.write_text(PAGE.read_text())
-    monkeypatch.setattr(scaling_table, "RESULTS", results)
-    monkeypatch.setattr(scaling_table, "PAGE", page)
+    monkeypatch.setattr(scaling_tables, "PAGE", page)
+    scaling_tables.main()
+    assert "| 1 billion | 90 TB |" in page.read_text()
+    results.unlink()
     with pytest.raises(SystemExit, match="make bench-render"):
-        scaling_table.main()
-    values = {"images_per_s": 8.0, "bytes_per_image": 1e5, "workers": 2, "host": "a machine"}
-    results.write_text(json.dumps(values))
-    scaling_table.main()
-    assert "| 1 billion | 100 TB |" in page.read_text()
+        scaling_tables.main()
 
 
 def test_the_page_shows_what_was_measured() -> None:
     page = PAGE.read_text()
-    if scaling_table.RESULTS.exists():
-        measured = from_json(Measured, scaling_table.RESULTS)
-        assert filled(page, table(measured)) == page
-    else:
-        assert "make bench-render" in page.partition(BEGIN)[2].partition(END)[0]
+    assert with_tables(page, from_json(Measured, scaling_tables.RESULTS)) == page
