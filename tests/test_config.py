@@ -64,6 +64,8 @@ def complaint(kind: type, values: dict[str, Any]) -> str:
         (SceneSettings, "scene", "occluder_probability", 1.5),
         (SceneSettings, "scene", "occluder_coverage", [0.5, 0.2]),
         (SceneSettings, "scene", "crossing_probability", -0.1),
+        (SceneSettings, "scene", "crossing_coverage", [0.5, 1.2]),
+        (SceneSettings, "scene", "light_kelvin", [2700.0, 5000.0]),
         (SceneSettings, "scene", "light_shape", "square"),
         (SceneSettings, "scene", "anisotropy", [0.0, 1.2]),
         (SceneSettings, "scene", "films", [0.5, 0.2]),

@@ -10,6 +10,7 @@ from shaftpose.geometry import (
     Camera,
     ShaftPose,
     axis_direction,
+    crossed_share,
     cylinder_depth,
     mask_box,
     pose_from_rotation,
@@ -349,3 +350,13 @@ def test_roll_turns_a_shaft_about_its_own_axis() -> None:
     np.testing.assert_allclose(rolled[:, 0], pose.rotation[:, 1], atol=1e-12)
     np.testing.assert_allclose(rolled[:, 1], -pose.rotation[:, 0], atol=1e-12)
     np.testing.assert_array_equal(pose.rolled(0.0), pose.rotation)
+
+
+def test_the_most_covered_mask_counts() -> None:
+    """Of three masks of 4, 2 and no pixels the front one covers 1, 1 and 0."""
+    rows = np.array([[1, 1, 1, 1, 0, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 0]], bool)
+    front = np.array([0, 0, 0, 1, 1, 0, 1], dtype=bool)
+    assert crossed_share(front, rows[:1]) == 0.25
+    assert crossed_share(front, rows) == 0.5
+    assert crossed_share(front, rows[2:]) == 0
+    assert crossed_share(front, []) == 0

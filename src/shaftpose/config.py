@@ -171,7 +171,8 @@ class SceneSettings:
     contact_shadow: how much the shafts darken the background beside them; occluder_probability:
     chance that tissue hides part of an image's shafts; occluder_coverage: hidden share of each of
     these shafts; crossing_probability: chance of a further shaft, annotated like the others, that
-    passes before one of them.
+    passes before one of them; crossing_coverage: the share that it hides of the one of which it
+    hides most, always more than nothing.
     """
 
     instruments: InstrumentCounts
@@ -190,6 +191,12 @@ class SceneSettings:
     occluder_probability: Fraction
     occluder_coverage: UnitRange
     crossing_probability: Fraction
+    crossing_coverage: UnitRange
+
+    def is_crossed(self, share: float) -> bool:
+        """Whether a shaft of which another hides this share is crossed as the settings want it."""
+        low, high = self.crossing_coverage
+        return share > 0 and low <= share <= high
 
 
 @dataclass(frozen=True, config=_STRICT)

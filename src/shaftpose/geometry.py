@@ -4,6 +4,7 @@ Camera frame (OpenCV): x right, y down, z forward, mm. A pixel's centre lies at 
 Shaft frame: origin at the centre of the distal tip, +z from the tip towards the handle.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -243,6 +244,15 @@ def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     if not len(columns):
         raise ValueError("an empty mask has no box")
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]]) -> float:
+    """The greatest share that the mask `front` (H, W) covers of a mask among `others`; 0 if there
+    is none."""
+    return max(
+        (int((front & other).sum()) / int(other.sum()) for other in others if other.any()),
+        default=0.0,
+    )
 
 
 def box_iou(a: Array, b: Array) -> Array:

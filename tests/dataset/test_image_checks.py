@@ -259,6 +259,12 @@ def test_a_mask_beside_its_occluded_shaft(tmp_path: Path) -> None:
     )
 
 
+def across(pose: ShaftPose) -> ShaftPose:
+    """A shaft that passes 6 mm nearer to the camera than the middle of what is seen of another."""
+    x, y, z = pose.tip_mm + 8 * pose.direction - [0, 0, 6]
+    return ShaftPose(x, y, z, 85.0, pose.yaw_deg - 90)
+
+
 @pytest.mark.parametrize(
     ("facts", "option", "says"),
     [
@@ -273,7 +279,7 @@ def test_a_mask_beside_its_occluded_shaft(tmp_path: Path) -> None:
 def test_what_is_there_though_it_never_is_or_lacks_though_it_always_is(
     tmp_path: Path, facts: dict[str, Any], option: dict[str, float], says: str
 ) -> None:
-    expected = write_set(tmp_path, [[sample(0, [LEFT, RIGHT], **facts)]])
+    expected = write_set(tmp_path, [[sample(0, [LEFT, across(LEFT)], **facts)]])
     assert says in complaint(with_scene(expected, **option))
     (name,) = option
     refuse(find_problems([expected], checked(with_scene(expected, **{name: 0.5}))))
@@ -383,12 +389,32 @@ THREE = [LEFT, RIGHT, BELOW]
 
 
 def test_a_shaft_may_cross_beside_those_of_the_settings(tmp_path: Path) -> None:
-    expected = write_set(tmp_path, [[sample(0, THREE, crossing=1)]])
+    expected = write_set(tmp_path, [[sample(0, [LEFT, RIGHT, across(LEFT)], crossing=1)]])
     expected = with_scene(expected, crossing_probability=0.5)
     refuse(find_problems([expected], checked(expected)))
     one_too_many = with_scene(expected, instruments=(1, 1))
     says = "shafts = 2 beside 1 that cross: outside scene.instruments = [1, 1]"
     assert says in complaint(one_too_many)
+
+
+def test_a_crossing_shaft_hides_as_much_as_it_shall(tmp_path: Path) -> None:
+    """An independent count: what of the other's cylinder its visible mask lacks."""
+    crossed = sample(0, [LEFT, across(LEFT)], crossing=1)
+    hidden = 1 - crossed.instruments[0].visible_fraction
+    assert 0.05 < hidden < 0.5
+    expected = write_set(tmp_path, [[crossed]])
+    expected = with_scene(expected, crossing_probability=1.0)
+    around = with_scene(expected, crossing_coverage=(hidden - 0.01, hidden + 0.01))
+    refuse(find_problems([around], checked(around)))
+    more = with_scene(expected, crossing_coverage=(0.6, 0.8))
+    says = f"shaft 1: hides {hidden:.3f} of the one it crosses: nothing, or outside "
+    assert f"{says}scene.crossing_coverage = [0.6, 0.8]" in complaint(more)
+
+
+def test_a_shaft_that_crosses_nothing_is_found(tmp_path: Path) -> None:
+    expected = write_set(tmp_path, [[sample(0, [LEFT, RIGHT], crossing=1)]])
+    expected = with_scene(expected, crossing_probability=1.0)
+    assert "shaft 1: hides 0.000 of the one it crosses: nothing" in complaint(expected)
 
 
 def test_a_shaft_too_many_where_none_crosses(tmp_path: Path) -> None:

@@ -402,15 +402,15 @@ def test_masks_of_a_cad_file_are_those_of_its_shape(cad: list[Rendered]) -> None
 CROSS = """
 import numpy as np
 from shaftpose.geometry import ShaftPose
-from shaftpose.rendering.generator import crosses
+from shaftpose.rendering.generator import crossed_shares
 from shaftpose.shards import Instrument
 def instrument(visible, whole):
     masks = (np.isin(np.arange(9), pixels).reshape(3, 3) for pixels in (visible, whole))
     return Instrument(ShaftPose(0.0, 0.0, 20.0, 70.0, 0.0), *masks)
 hidden_by_tissue = instrument([0], [0, 1])
-assert crosses([hidden_by_tissue], 0)
-assert crosses([hidden_by_tissue, instrument([1, 2], [1, 2])], 1)
-assert not crosses([hidden_by_tissue, instrument([2, 3], [2, 3])], 1)
+assert crossed_shares([hidden_by_tissue], 0) == []
+assert crossed_shares([hidden_by_tissue, instrument([1, 2], [1, 2])], 1) == [0.5]
+assert crossed_shares([hidden_by_tissue, instrument([2, 3], [2, 3])], 1) == [0]
 """
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from shaftpose.config import Distortion, Range, RenderSettings, SceneSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, cylinder_depth
+from shaftpose.geometry import Camera, crossed_share, cylinder_depth
 from shaftpose.rendering.scene import Film, Lens, Scene, SceneSampler, Steel
 
 IMAGES = 12
@@ -312,6 +312,19 @@ def test_a_crossing_shaft_passes_before_another_and_changes_no_other(
             assert before.steels[0] == after.steels[0]
     # Few first shafts, near the camera, let nothing pass before them: these are drawn again.
     assert kept >= IMAGES / 2
+
+
+def test_a_crossing_shaft_hides_as_much_as_it_shall(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    settings = with_scene(
+        instruments=(1, 1), crossing_probability=1.0, crossing_coverage=(0.3, 0.5)
+    )
+    size = settings.shaft.diameter_mm, settings.shaft.length_mm
+    for scene in scenes(settings, backgrounds):
+        behind, front = (cylinder_depth(scene.camera, pose, *size) for pose in scene.shafts)
+        share = crossed_share(front < behind, [np.isfinite(behind)])
+        assert 0.25 < share < 0.55  # judged on a coarse grid
 
 
 def test_crossing_shafts_follow_their_probability(

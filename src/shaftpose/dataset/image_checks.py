@@ -23,6 +23,7 @@ from shaftpose.geometry import (
     Array,
     Camera,
     ShaftPose,
+    crossed_share,
     cylinder_depth,
     mask_box,
     pose_from_rotation,
@@ -127,6 +128,7 @@ def _problems(
         ):
             yield f"shaft {n}: {problem}"
     yield from _coverage(image, settings.scene)
+    yield from _crossings(image, settings.scene)
     yield from _overlap(image.masks)
     yield from _collisions(facts.shafts, settings.scene.lens_radius_mm, body)
 
@@ -183,6 +185,20 @@ def _hidden_shares(image: AnnotatedImage) -> list[float | None]:
     before the first shafts, one each; one that crosses comes last."""
     occluders = len(image.facts.occluders)
     return [1 - e.visib_fract if n < occluders else None for n, e in enumerate(image.extents)]
+
+
+def _crossings(image: AnnotatedImage, scene: SceneSettings) -> Iterator[str]:
+    """The shafts that cross are the last ones."""
+    first = len(image.masks) - image.facts.crossing
+    others = image.amodal_masks[:first]
+    for n, mask in enumerate(image.masks[first:], start=first):
+        share = crossed_share(mask, others)
+        if not scene.is_crossed(share):
+            low, high = scene.crossing_coverage
+            yield (
+                f"shaft {n}: hides {share:.3f} of the one it crosses: nothing, or outside "
+                f"scene.crossing_coverage = [{low:g}, {high:g}]"
+            )
 
 
 def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[str]:

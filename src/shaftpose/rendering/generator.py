@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import cylinder_depth
+from shaftpose.geometry import crossed_share, cylinder_depth
 from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
@@ -76,12 +76,17 @@ class Generator:
             found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
             # Occluders stand before the first shafts, one each.
             hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
-            if all(low <= share <= high for share in hidden) and crosses(found, scene.crossing):
+            crossed = crossed_shares(found, scene.crossing)
+            if all(low <= share <= high for share in hidden) and all(
+                map(scene_settings.is_crossed, crossed)
+            ):
                 return scene, foreground, found
+        fewest, most = scene_settings.crossing_coverage
         raise InputError(
             f"image {index}: in each of {_MOST_DRAWS} draws a shaft shows fewer than "
             f"scene.min_visible_px = {least} px, its occluder leaves scene.occluder_coverage = "
-            f"[{low:g}, {high:g}], or a crossing shaft hides nothing; in params.yaml widen `poses` "
+            f"[{low:g}, {high:g}], or a crossing shaft hides nothing or leaves "
+            f"scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen `poses` "
             "or these ranges (those of the occluded test sets: OCCLUDED in pipelines/render.py)"
         )
 
@@ -112,15 +117,12 @@ class Generator:
         }
 
 
-def crosses(instruments: Sequence[Instrument], crossing: int) -> bool:
-    """Whether each of the last `crossing` instruments hides part of another: the sampler knows but
-    the rods around them."""
+def crossed_shares(instruments: Sequence[Instrument], crossing: int) -> list[float]:
+    """What each of the last `crossing` instruments hides, at most, of another: the sampler knows
+    but the rods around them, on a coarse grid."""
     first = len(instruments) - crossing
-    others = instruments[:first]
-    return all(
-        any((last.mask & other.amodal_mask).any() for other in others)
-        for last in instruments[first:]
-    )
+    others = [other.amodal_mask for other in instruments[:first]]
+    return [crossed_share(last.mask, others) for last in instruments[first:]]
 
 
 def _masks(scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:

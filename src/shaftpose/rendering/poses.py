@@ -12,7 +12,13 @@ import numpy as np
 
 from shaftpose.config import PoseRanges, SceneSettings, ShaftSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, segment_distance
+from shaftpose.geometry import (
+    Camera,
+    ShaftPose,
+    crossed_share,
+    cylinder_depth,
+    segment_distance,
+)
 
 MOST_TRIES = 10_000
 # Visibility is judged on every fourth pixel in each direction: exact enough for a threshold.
@@ -67,12 +73,12 @@ class PoseSampler:
         )
 
     def crossing(self, rng: np.random.Generator, poses: tuple[ShaftPose, ...]) -> ShaftPose | None:
-        """A further shaft that passes before one of `poses`, all being acceptable together; None
-        if none is found in a bounded number of draws."""
+        """A further shaft that passes before one of `poses` and hides as much of it as it shall,
+        all being acceptable together; None if none is found in a bounded number of draws."""
         behind = np.stack([self._depth(pose) for pose in poses])
         for _ in range(_CROSSING_TRIES):
             pose = self._draw(rng)
-            if self._refusal([*poses, pose]) is None and self._hides_a_part(pose, behind):
+            if self._refusal([*poses, pose]) is None and self._crosses(pose, behind):
                 return pose
         return None
 
@@ -115,9 +121,11 @@ class PoseSampler:
         seen = [np.sum((nearest == n) & np.isfinite(depths[n])) for n in range(len(poses))]
         return min(seen) * _STRIDE**2 >= self.scene.min_visible_px
 
-    def _hides_a_part(self, pose: ShaftPose, behind: np.ndarray) -> bool:
-        """Whether a shaft is before others somewhere, whose depths (N, h, w) are known."""
-        return bool(np.any((self._depth(pose) < behind) & np.isfinite(behind)))
+    def _crosses(self, pose: ShaftPose, behind: np.ndarray) -> bool:
+        """Whether a shaft hides as much as it shall of others, whose depths (N, h, w) are known."""
+        depth = self._depth(pose)
+        shares = [crossed_share(depth < other, [np.isfinite(other)]) for other in behind]
+        return self.scene.is_crossed(max(shares))
 
     def _depth(self, pose: ShaftPose) -> np.ndarray:
         size = self.shaft.diameter_mm, self.shaft.length_mm

@@ -223,7 +223,8 @@ class SceneSampler:
                 return sampled, (crossing,)
         raise InputError(
             "params.yaml: scene.crossing_probability: within `poses` no shaft was found that "
-            f"passes before one of {_MOST_REDRAWS} others; widen the ranges, or set it to 0"
+            f"passes before one of {_MOST_REDRAWS} others and hides scene.crossing_coverage of it; "
+            "widen the ranges, or set it to 0"
         )
 
 
