@@ -1,9 +1,11 @@
 """Images per second of the real path: Dask workers, shards, compositing, annotations, JPEG."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import mean
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import time
 from typing import Any
 
 from distributed import Client
@@ -13,62 +15,79 @@ from shaftpose.config import ClusterSettings, parse
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.scale_out import render_set
+from shaftpose.shards import shard_paths
 
 WORKERS = 2
 
 
 @dataclass(frozen=True)
 class Block:
-    """One run: its images, a shard for each worker.
+    """One run of workers with a shard each.
 
     start_s: until each worker has finished one image: scheduler, workers, Blender. wall_s: of the
-    whole run. rate: images/s after the start.
+    whole run. shards_s: of each shard, without the start.
     """
 
-    images: int
-    bytes: int
     start_s: float
     wall_s: float
-    rate: float
+    shards_s: list[float]
 
 
 def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
-    """`images` by two workers; before and after it half of them by one, so that a machine that
-    grows slower or faster meanwhile does so for both."""
+    """`images` by two workers, half of them by each; before that the first half by one worker, and
+    after it the second half, so that a machine that grows slower or faster meanwhile does so for
+    both."""
     share = images // WORKERS
-    return summary(*(_block(rendered, workers, share) for workers in (1, WORKERS, 1)))
+    whole = _part(rendered, WORKERS, share)
+    with TemporaryDirectory(dir=SCRATCH) as name:
+        folder = Path(name)
+        before = _block(_part(rendered, 1, share), folder / "half", workers=1)
+        together = _block(whole, folder / "whole", WORKERS)
+        shards = whole.shards(folder / "whole/scratch" / whole.fingerprint())
+        size = sum(shard.path.stat().st_size for shard in shards)
+        shards[-1].path.unlink()  # the only one that the next run lacks
+        after = _block(whole, folder / "whole", workers=1)
+    speeds = summary(share, together, [before, after])
+    return {**speeds, "bytes_per_image": size / (WORKERS * share)}
 
 
-def summary(before: Block, together: Block, after: Block) -> dict[str, Any]:
-    """What a run of all workers and two of one say, one before and one after it."""
-    alone_rate = 2 / (1 / before.rate + 1 / after.rate)  # of equal numbers of images
+def summary(share: int, together: Block, alone: Sequence[Block]) -> dict[str, Any]:
+    """What a run of all workers says, and one of each of its shards by a worker alone.
+
+    share: images of a shard. Of two shards one is finished first, and its worker has nothing to do;
+    of many there is a next one. The speeds after the start are therefore those of shards.
+    """
+    together_s = mean(together.shards_s)
+    alone_s = mean(seconds for block in alone for seconds in block.shards_s)
     return {
-        "images_per_s": together.images / together.wall_s,
-        "two_worker_speedup": together.rate / alone_rate,
-        "bytes_per_image": together.bytes / together.images,
-        "steady_images_per_s": {"1": alone_rate, str(WORKERS): together.rate},
+        "images_per_s": WORKERS * share / together.wall_s,
+        "two_worker_speedup": WORKERS * alone_s / together_s,
+        "steady_images_per_s": {
+            "1": (share - 1) / alone_s,
+            str(WORKERS): WORKERS * (share - 1) / together_s,
+        },
         "start_s": together.start_s,
-        "images": together.images,
-        "images_per_shard": before.images,
+        "images": WORKERS * share,
+        "images_per_shard": share,
     }
 
 
-def _block(rendered: RenderedSet, workers: int, share: int) -> Block:
+def _block(rendered: RenderedSet, folder: Path, workers: int) -> Block:
+    """Render the shards of a set that `folder` lacks, as many as there are workers."""
     local = {"workers": workers, "address": None, "slurm": None}
     cluster = parse(ClusterSettings, parameters()["cluster"] | local, "params.yaml: cluster")
-    hang_s = cluster.hang_s
-    with TemporaryDirectory(dir=SCRATCH) as name:
-        folder, start = Path(name), perf_counter()
-        with connect(cluster) as client:
-            connect_s = perf_counter() - start
-            first_s = _seconds(_part(rendered, workers, 1), folder / "first", client, hang_s)
-            all_s = _seconds(_part(rendered, workers, share), folder / "all", client, hang_s)
+    start = time()
+    with connect(cluster) as client:
+        connected = time()
+        with TemporaryDirectory(dir=SCRATCH) as first:
+            _render(_part(rendered, workers, 1), Path(first), client, cluster.hang_s)
+        begun = time()
+        ends = _render(rendered, folder, client, cluster.hang_s)
+        first_s = begun - connected
         return Block(
-            images=workers * share,
-            bytes=sum(path.stat().st_size for path in (folder / "all/out").iterdir()),
-            start_s=connect_s + first_s,
-            wall_s=connect_s + all_s,
-            rate=workers * (share - 1) / (all_s - first_s),
+            start_s=connected - start + first_s,
+            wall_s=connected - start + time() - begun,
+            shards_s=[end - begun - first_s for end in ends if end > begun],
         )
 
 
@@ -76,8 +95,7 @@ def _part(rendered: RenderedSet, shards: int, size: int) -> RenderedSet:
     return replace(rendered, images=shards * size, images_per_shard=size)
 
 
-def _seconds(rendered: RenderedSet, folder: Path, client: Client, hang_s: float) -> float:
-    """How long it takes to render a set from nothing."""
-    start = perf_counter()
+def _render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float) -> list[float]:
+    """Render what `folder` lacks of a set; when each of its shards was finished, s since 1970."""
     render_set(rendered, folder / "scratch", folder / "out", client, hang_s)
-    return perf_counter() - start
+    return [path.stat().st_mtime for path in shard_paths(folder / "out")]
