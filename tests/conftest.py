@@ -1,5 +1,7 @@
 """What tests of several folders share."""
 
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,32 @@ SIDE = 299
 BOXES = [[10.0, 20.0, 110.0, 220.0], [150.0, 10.0, 290.0, 90.0], [0.0, 0.0, 0.0, 0.0]]
 SCORES = [0.75, 0.25, 0.0]
 POSES = [[1.0, -2.0, 20.0, 70.0, 123.0], [-8.0, 5.0, 31.0, 55.0, 350.0], [0.0] * 5]
+
+
+@pytest.fixture(scope="session")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An MLflow database without runs; to make one takes seconds, to copy it nothing."""
+    from mlflow import MlflowClient  # slow to import, for tests that do not need it
+
+    path = tmp_path_factory.mktemp("database") / "mlflow.db"
+    MlflowClient(f"sqlite:///{path}").search_experiments()
+    return path
+
+
+@pytest.fixture
+def store(tmp_path: Path, database: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A project folder as the current one, with nothing but an MLflow database of its own."""
+    import mlflow
+
+    from shaftpose import tracking
+
+    shutil.copy(database, tmp_path / "mlflow.db")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    previous = mlflow.get_tracking_uri()
+    tracking.connect(None, "trials")
+    yield tmp_path
+    mlflow.set_tracking_uri(previous)
 
 
 @pytest.fixture

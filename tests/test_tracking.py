@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from pathlib import Path
 
 import mlflow
@@ -7,17 +6,6 @@ import pytest
 
 from shaftpose import tracking
 from shaftpose.errors import InputError
-
-
-@pytest.fixture()
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty project folder as the current one, with a database of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    previous = mlflow.get_tracking_uri()
-    tracking.connect(None, "trials")
-    yield tmp_path
-    mlflow.set_tracking_uri(previous)
 
 
 def test_parameters_are_flat_and_sequences_whole() -> None:
@@ -109,10 +97,29 @@ def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
     for number, alpha in enumerate((0.5, 1.5)):
         parameters = {"loss": {"alpha": alpha}}
         with tracking.training_run(f"id-{number}", "d", parameters, {}, folder):
+            mlflow.log_metrics({"validation/mAP": 0.9, "training/box": 2.0}, step=2)
             mlflow.log_metrics({"validation/mAP": alpha / 10}, step=3)
     runs = tracking.sweep_runs(folder)
     assert [run.parameters for run in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
     assert [run.metrics["validation/mAP"] for run in runs] == pytest.approx([0.05, 0.15])
+
+
+def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> None:
+    tracking.start_sweep(store, "sweep")
+    with tracking.training_run("id-1", "d", {}, {}, store):
+        mlflow.log_metrics({"validation/mAP": 0.5, "validation/tip_mm": 4.0}, step=2)
+        mlflow.log_metrics({"validation/mAP": 0.0}, step=3)  # nothing was found right any more
+    tracking.log_results("id-1", "d", {"tip_mm": 3.0}, {})  # of the test images
+    assert [run.metrics for run in tracking.sweep_runs(store)] == [{"validation/mAP": 0.0}]
+
+
+def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
+    tracking.start_sweep(store, "sweep")
+    with pytest.raises(RuntimeError), tracking.training_run("id-1", "d", {}, {}, store):
+        raise RuntimeError
+    with tracking.training_run("id-2", "d", {}, {}, store):
+        assert [run.finished for run in tracking.sweep_runs(store)] == [False, False]
+    assert [run.finished for run in tracking.sweep_runs(store)] == [False, True]
 
 
 def test_a_folder_without_a_sweep_is_named(store: Path) -> None:

@@ -22,6 +22,7 @@ from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
 from shaftpose.evaluation.training_record import (  # noqa: E402
     TrainingRecord,
+    read_loss,
     validation_curves,
 )
 
@@ -61,12 +62,13 @@ def variant_of(folder: Path) -> str:
 
 def record(folder: Path) -> Path:
     """Write what is kept of the training where `make results` finds it."""
-    variant, training_id = variant_of(folder), read_training(folder)["training_id"]
+    variant, training = variant_of(folder), read_training(folder)
+    loss = read_loss(training, str(folder / "training.json"))
     result = read_json(folder / "evaluation.json", "evaluate")
     row = variant_row(variant, result, len(read_coco(Path("data/real/train.json"))))
     binned, curves = from_plain(result["binned_errors"]), validation_curves(result["curves"])
-    path = RECORDS / f"{variant}-{training_id[:8]}.json"
-    write_json(path, TrainingRecord(row, binned, curves).as_plain())
+    path = RECORDS / f"{variant}-{training['training_id'][:8]}.json"
+    write_json(path, TrainingRecord(row, loss, binned, curves).as_plain())
     return path
 
 

@@ -3,6 +3,7 @@
 All of it comes from the files of results that are in the repository.
 """
 
+import csv
 import json
 import sys
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.repeated_trainings import repeated_figures
-from shaftpose.evaluation.results_page import to_page
+from shaftpose.evaluation.results_page import Table, to_page
 from shaftpose.evaluation.training_record import TrainingRecord, read_record, read_row
 
 ROOT = Path(__file__).parents[1]
@@ -38,13 +39,23 @@ def page(root: Path) -> str:
     report = report_of(root)
     profiles = yaml.safe_load((root / "conf/profiles.yaml").read_text())
     benchmarks = contents(root / "benchmarks/results")
-    return to_page(report, profile_of(report.rows, profiles), records(root), benchmarks)
+    profile = profile_of(report.rows, profiles)
+    return to_page(report, profile, records(root), sweeps(root), benchmarks)
 
 
 def records(root: Path) -> list[TrainingRecord]:
-    """What is kept of trainings outside the pipeline, by variant and seed."""
-    found = [read_record(content) for content in contents(root / "reports/trainings").values()]
+    """What is kept of single trainings, by variant and seed."""
+    found = [
+        read_record(content, f"reports/trainings/{name}.json")
+        for name, content in contents(root / "reports/trainings").items()
+    ]
     return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
+
+
+def sweeps(root: Path) -> dict[str, Table]:
+    """The tables of sweeps by name."""
+    found = sorted((root / "reports/sweeps").glob("*.csv"))
+    return {path.stem: list(csv.reader(path.read_text().splitlines())) for path in found}
 
 
 def report_of(root: Path) -> AblationReport:

@@ -1,11 +1,13 @@
-"""Draw a sweep of Hydra as one figure: `python tools/sweep_figure.py sweeps/TIME --out FILE.png`.
+"""Draw a sweep of Hydra for docs/results.md.
 
-The trainings are those of the sweep's MLflow run. A table of the same, FILE.csv, is written beside
-the figure.
+`python tools/sweep_figure.py sweeps/TIME --name NAME` draws the sweep's finished trainings, which
+it finds in MLflow, as `docs/images/sweep-NAME.png` and writes a table of the same,
+`reports/sweeps/NAME.csv`; `make results` puts both on the page.
 """
 
 import argparse
 import csv
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +17,7 @@ import yaml
 from shaftpose import tracking
 from shaftpose.errors import InputError
 from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.evaluation.sweep_figure import SweepJob, sweep_figure, swept_parameters
+from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, swept_parameters
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 
@@ -24,39 +26,61 @@ def main() -> None:
     """Draw the sweep of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("sweep", type=Path, help="the sweep's folder")
-    parser.add_argument("--out", type=Path, required=True, help="the PNG file to write")
+    parser.add_argument("--name", required=True, help="what its picture and table are called")
     arguments = parser.parse_args()
     try:
-        jobs = read_jobs(arguments.sweep)
+        picture, table = places(arguments.name)
+        jobs, unfinished = read_jobs(arguments.sweep)
     except InputError as error:
         sys.exit(f"error: {error}")
-    save_figure(sweep_figure(jobs, METRICS), arguments.out)
-    write_table(jobs, arguments.out.with_suffix(".csv"))
-    print(f"{len(jobs)} trainings are drawn in {arguments.out}")
+    save_figure(sweep_figure(jobs, METRICS), picture)
+    write_table(jobs, table)
+    print(f"{described(jobs, unfinished)}; see {picture} and {table}")
 
 
-def read_jobs(sweep: Path) -> list[SweepJob]:
-    """The finished trainings of a sweep, those without a right detection left out."""
+def places(name: str) -> tuple[Path, Path]:
+    """The files of picture and table. Raises InputError if `name` cannot be part of theirs."""
+    if not re.fullmatch(r"[\w-]+", name):
+        raise InputError(f"--name {name}: takes letters, digits, - and _ only")
+    return Path(f"docs/images/sweep-{name}.png"), Path(f"reports/sweeps/{name}.csv")
+
+
+def read_jobs(sweep: Path) -> tuple[list[SweepJob], int]:
+    """The finished trainings of a sweep, and how many others it has.
+
+    Raises InputError if there is nothing to compare.
+    """
     tracking.connect(**yaml.safe_load(Path("params.yaml").read_text())["tracking"])
-    jobs = [SweepJob(run.parameters, run.metrics) for run in tracking.sweep_runs(sweep)]
-    complete = [job for job in jobs if job.metrics.keys() >= set(METRICS)]
-    if len(complete) < 2 or not swept_parameters(complete):
+    runs = tracking.sweep_runs(sweep)
+    jobs = [SweepJob(run.parameters, run.metrics) for run in runs if run.finished]
+    if not swept_parameters(jobs):
         raise InputError(
-            f"{sweep}: {len(complete)} of its {len(jobs)} trainings have {', '.join(METRICS)}; a "
-            "figure needs two that differ: wait for the sweep to end, or train for more steps"
+            f"{sweep}: {len(jobs)} of its {len(runs)} trainings are finished; a figure needs two "
+            "that differ in a parameter: wait for the sweep to end, or run it again"
         )
-    return complete
+    return jobs, len(runs) - len(jobs)
+
+
+def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
+    """How many trainings are drawn, how many of them lack metrics, and how many are left out."""
+    lacking = sum(not job.metrics.keys() >= set(METRICS) for job in jobs)
+    return (
+        f"{len(jobs)} finished trainings are drawn, {lacking} of them without a right detection "
+        f"({NO_VALUE} for its errors); {unfinished} others are not finished"
+    )
 
 
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
-    """One line for each job."""
+    """One line for each job; what it lacks is empty."""
     names = swept_parameters(jobs)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow([*names, *METRICS])
         for job in jobs:
-            row = [job.parameters[name] for name in names]
-            table.writerow([*row, *(f"{job.metrics[name]:.6g}" for name in METRICS)])
+            row = [job.parameters.get(name, "") for name in names]
+            values = [job.metrics.get(name) for name in METRICS]
+            table.writerow([*row, *("" if value is None else f"{value:.6g}" for value in values)])
 
 
 if __name__ == "__main__":

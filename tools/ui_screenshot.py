@@ -58,13 +58,18 @@ def comparison(sweep: Path) -> str:
 
 @contextmanager
 def server() -> Iterator[str]:
-    """MLflow's pages of the current database, at an address of this machine alone."""
+    """The address of MLflow's pages: of the server that is tracked to, or else of one that shows
+    the current database to this machine alone."""
+    uri = mlflow.get_tracking_uri()
+    if uri.startswith(("http://", "https://")):
+        yield uri.rstrip("/")
+        return
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     address = f"http://127.0.0.1:{port}"
     command = [sys.executable, "-m", "mlflow", "ui", "--host", "127.0.0.1", "--port", str(port),
-               "--backend-store-uri", mlflow.get_tracking_uri()]  # fmt: skip
+               "--backend-store-uri", uri]  # fmt: skip
     nowhere = subprocess.DEVNULL
     process = subprocess.Popen(command, start_new_session=True, stdout=nowhere, stderr=nowhere)
     try:

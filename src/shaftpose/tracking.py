@@ -21,7 +21,7 @@ import yaml  # noqa: E402
 from filelock import FileLock  # noqa: E402
 from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
 from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
-from mlflow.entities import Run  # noqa: E402
+from mlflow.entities import Run, RunStatus  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
@@ -118,15 +118,17 @@ def start_sweep(folder: Path, name: str) -> None:
 
 
 class SweepRun(NamedTuple):
-    """A training of a sweep: MLflow's id, its parameters and the last value of each metric."""
+    """A training of a sweep: MLflow's id, whether it came to its end, its parameters and the
+    metrics of its last validation, such as `validation/mAP`."""
 
     run_id: str
+    finished: bool
     parameters: dict[str, str]
     metrics: dict[str, float]
 
 
 def sweep_runs(folder: Path) -> list[SweepRun]:
-    """The trainings of a sweep, in the order of their start.
+    """The trainings of a sweep, in the order of their start, unfinished ones included.
 
     Raises InputError if no sweep was tracked from `folder`.
     """
@@ -138,7 +140,24 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
         order_by=["attributes.start_time ASC"],
         output_format="list",
     )
-    return [SweepRun(run.info.run_id, run.data.params, run.data.metrics) for run in found]
+    finished = RunStatus.to_string(RunStatus.FINISHED)
+    return [
+        SweepRun(run.info.run_id, run.info.status == finished, run.data.params, _validation(run))
+        for run in found
+    ]
+
+
+def _validation(run: Run) -> dict[str, float]:
+    """The metrics of a run's last validation.
+
+    Not the last value of each: one that the last validation lacks, as it lacks pose errors if
+    nothing was found, would be of an earlier step than the others.
+    """
+    client = mlflow.MlflowClient()
+    names = [name for name in run.data.metrics if name.startswith("validation/")]
+    logged = [point for n in names for point in client.get_metric_history(run.info.run_id, n)]
+    last = max((point.step for point in logged), default=None)
+    return {point.key: point.value for point in logged if point.step == last}
 
 
 def _read_parent(folder: Path) -> str | None:

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from shaftpose.config import LossSettings
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
 from shaftpose.evaluation.binned_errors import EDGES, ErrorBin
 from shaftpose.evaluation.paper_order import Change, changes
 from shaftpose.evaluation.repeated_trainings import repeated_figures
-from shaftpose.evaluation.repeats import by_scale, repeated
+from shaftpose.evaluation.repeats import by_scale, repeated, rows_of
 from shaftpose.evaluation.report import to_json
-from shaftpose.evaluation.results_page import to_page
+from shaftpose.evaluation.results_page import Table, to_page
 from shaftpose.evaluation.training_record import TrainingRecord, read_record, validation_curves
 
 ROOT = Path(__file__).parents[2]
@@ -36,16 +37,33 @@ def test_mean_and_half_range_by_hand():
     assert whole.seeds == (7, 8, 9)
 
 
+def record(trained: VariantRow, alpha: float = 1.5) -> TrainingRecord:
+    bins = {name: [ErrorBin(0.0, 1.0, 2, 3.0, 4.0, 5.0, 6.0)] for name in EDGES}
+    curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
+    loss = LossSettings(alpha=alpha, gamma=5.0, beta=(1.0, 1.0, 2.0, 2.0, 0.5))
+    return TrainingRecord(trained, loss, bins, validation_curves(curves))
+
+
 def test_only_trainings_of_one_scale_and_variant_are_put_together():
     rows = [row(7, mAP=0.5), row(8, mAP=0.7), row(7, "c", mAP=0.1), row(9, steps=10, mAP=0.9)]
-    (first, second), (other,) = by_scale(rows).values()
+    alike, others = by_scale([record(one) for one in rows]).values()
+    first, second = rows_of(alike)
     assert (first.variant, first.metrics) == ("d", {"mAP": pytest.approx(0.6)})
     assert second == rows[2]  # trained once: no spread
-    assert other == rows[3]
+    assert rows_of(others) == [rows[3]]
+
+
+def test_trainings_with_other_loss_weights_are_no_repeats():
+    records = [record(row(7, mAP=0.5)), record(row(8, mAP=0.7), alpha=0.5)]
+    assert [rows_of(alike) for alike in by_scale(records).values()] == [
+        [row(7, mAP=0.5)],
+        [row(8, mAP=0.7)],
+    ]
 
 
 def test_a_seed_that_was_trained_twice_counts_once():
-    assert by_scale([row(7, mAP=0.5), row(7, mAP=0.7)]).popitem()[1] == [row(7, mAP=0.5)]
+    first, second = record(row(7, mAP=0.5)), record(row(7, mAP=0.7))
+    assert list(by_scale([first, second]).values()) == [[first]]
 
 
 def several(variant: str, *values: float, metric: str = "x_mm") -> VariantRow:
@@ -80,44 +98,54 @@ def test_without_a_repeated_training_nothing_is_judged():
     assert changes([several("c", 5.0), several("d", 4.0)]) == {}
 
 
-def record(trained: VariantRow) -> TrainingRecord:
-    bins = {name: [ErrorBin(0.0, 1.0, 2, 3.0, 4.0, 5.0, 6.0)] for name in EDGES}
-    curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
-    return TrainingRecord(trained, bins, validation_curves(curves))
-
-
 def test_a_record_is_read_as_it_was_written():
     one = record(row(8, mAP=0.7))
     assert one.curves == [(9, "validation/mAP", 0.25)]
-    assert read_record(json.loads(json.dumps(one.as_plain()))) == one
+    assert read_record(json.loads(json.dumps(one.as_plain())), "d.json") == one
 
 
-def page(*trainings: VariantRow) -> str:
+def test_a_record_without_loss_weights_is_refused():
+    content = {name: value for name, value in record(row(8)).as_plain().items() if name != "loss"}
+    with pytest.raises(InputError, match=r"^d\.json: lacks `loss`"):
+        read_record(content, "d.json")
+
+
+def page(*trainings: TrainingRecord, sweeps: dict[str, Table] | None = None) -> str:
     report = AblationReport([row(7, mAP=0.5)], {}, {}, "stand-in", Champion("d", "the only one"))
     speed = {"speed": {"machine": {"cores": 2}, "s": [{"a": 1}]}}
-    return to_page(report, "demo", [record(one) for one in trainings], speed)
+    return to_page(report, "demo", trainings, sweeps or {}, speed)
 
 
 def test_the_page_shows_means_with_their_spread_beside_the_paper():
-    text = page(row(8, mAP=0.7))
-    assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.600 ± 0.100 |" in text
-    assert "900 training images, 3,000 steps of 16, width 0.25. Seeds: D: 7, 8." in text
+    text = page(record(row(8, mAP=0.7)), record(row(9, mAP=0.9)))
+    assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.800 ± 0.100 |" in text
+    assert (
+        "900 training images, 3,000 steps of 16, width 0.25; loss weights alpha 1.5, gamma 5, "
+        "beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
+    )
     assert "±" not in page()
 
 
 def test_the_page_says_what_follows_for_the_papers_order():
-    text = page(row(8, mAP=0.7), row(7, "c", mAP=0.1))
+    text = page(*map(record, (row(7, mAP=0.5), row(8, mAP=0.7), row(7, "c", mAP=0.1))))
     assert "| Step | mAP |" in text
     assert "| C to D | +0.500 reversed | n/a |" in text  # 0.6 - 0.1, spread 0.1 + 0.1
 
 
 def test_the_page_shows_the_pictures_that_are_drawn():
-    trainings = [row(8, mAP=0.7), row(9, mAP=0.7), row(8, "c", mAP=0.1)]
-    figures = repeated_figures([record(one) for one in trainings], "stand-in")
-    assert len(figures) == 2
-    assert all(f"({name})" in page(*trainings) for name in figures)
-    curves, errors = figures.values()
-    assert [len(figure.legends[0].texts) for figure in (curves, errors)] == [3, 2]
+    trainings = [record(row(8, mAP=0.7)), record(row(9, mAP=0.7)), record(row(8, "c", mAP=0.1))]
+    other = record(row(8, mAP=0.7), alpha=0.5)
+    figures = repeated_figures([*trainings, other], "stand-in")
+    assert all(f"({name})" in page(*trainings, other) for name in figures)
+    # Curves and errors of the first scale, then those of the other one.
+    assert [len(figure.legends[0].texts) for figure in figures.values()] == [3, 2, 1, 1]
+
+
+def test_the_page_shows_sweeps():
+    text = page(sweeps={"weights": [["loss.alpha", "tip_mm"], ["0.5", "4.5"], ["1.5", ""]]})
+    assert "### weights\n\n![Settings and metrics](images/sweep-weights.png)\n\n" in text
+    assert "| loss.alpha | tip_mm |\n| --- | --- |\n| 0.5 | 4.5 |\n| 1.5 | - |" in text
+    assert "## Sweeps" not in page()
 
 
 def test_the_page_shows_benchmarks():

@@ -13,10 +13,10 @@ JOBS = [
 ]
 
 
-def lines() -> list[np.ndarray]:
-    """Heights (4,) at the four axes of each job's line, as drawn."""
-    axes = sweep_figure(JOBS, ["mAP", "tip_mm"]).axes[0]
-    return [np.asarray(line.get_ydata()) for line in axes.lines if len(line.get_ydata()) == 4]
+def lines(jobs: list[SweepJob]) -> np.ndarray:
+    """Heights (jobs, axes) of each job's line, as drawn; lines of two points are the axes."""
+    axes = sweep_figure(jobs, ["mAP", "tip_mm"]).axes[0]
+    return np.stack([line.get_ydata() for line in axes.lines if len(line.get_ydata()) > 2])
 
 
 def test_what_is_swept_is_what_differs() -> None:
@@ -32,10 +32,29 @@ def test_lines_pass_the_axes_where_their_values_are() -> None:
         [0.5, low, quarter, quarter],
         [high, high, high, low],
     ]
-    assert np.stack(lines()) == pytest.approx(np.array(expected))
+    assert lines(JOBS) == pytest.approx(np.array(expected))
 
 
 def test_the_ends_of_each_axis_are_written() -> None:
     axes = sweep_figure(JOBS, ["mAP", "tip_mm"]).axes[0]
     written = {text.get_text() for text in axes.texts}
     assert {"loss.alpha", "0.5", "1.5", "10.0", "mAP", "0.2", "0.4", "0.6", "9"} <= written
+
+
+def test_what_a_job_lacks_is_a_dash_on_top() -> None:
+    jobs = [
+        SweepJob({"variant.name": "d"}, {"mAP": 0.0}),
+        SweepJob({"variant.name": "b", "variant.steps": "5"}, {"mAP": 0.5, "tip_mm": 8.0}),
+        SweepJob({"variant.name": "d"}, {"mAP": 1.0, "tip_mm": 6.0}),
+    ]
+    low, high = 0.04, 0.96
+    expected = [[high, high, low, high], [low, low, 0.5, 0.84], [high, high, high, low]]
+    assert lines(jobs) == pytest.approx(np.array(expected))
+    texts = sweep_figure(jobs, ["mAP", "tip_mm"]).axes[0].texts
+    dashes = [(*text.get_position(),) for text in texts if text.get_text() == "-"]
+    assert dashes == [(pytest.approx(1.04), high), (pytest.approx(3.04), high)]
+
+
+def test_a_sweep_that_found_nothing_is_drawn() -> None:
+    jobs = [SweepJob({"seed": seed}, {"mAP": 0.0}) for seed in "12"]
+    assert lines(jobs) == pytest.approx(np.array([[0.04, 0.04, 0.96], [0.96, 0.04, 0.96]]))

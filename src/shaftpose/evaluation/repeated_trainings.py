@@ -5,17 +5,17 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from shaftpose.evaluation import paper_order, report_tables
-from shaftpose.evaluation.ablation import AblationReport, VariantRow, variant_title
+from shaftpose.evaluation.ablation import VariantRow, variant_title
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.figures import learning_curve_figure
-from shaftpose.evaluation.repeats import Scale, by_scale, scale
+from shaftpose.evaluation.repeats import Scale, by_scale, rows_of
 from shaftpose.evaluation.report import pipe_table, table_i_block
 from shaftpose.evaluation.report_tables import TABLE_I_METRICS
 from shaftpose.evaluation.training_record import TrainingRecord
 
 INTRO = (
-    "Trainings outside the pipeline, and those of the recorded run at the same scale. Paper / ours;"
-    " ours are means ± half the range over the seeds."
+    "The trainings that `tools/evaluate_trainings.py` recorded in `reports/trainings`, and no "
+    "others. Paper / ours; ours are means ± half the range over the seeds."
 )
 ORDER = (
     "What each step of the paper's study changes, and whether the paper has it in the same "
@@ -28,14 +28,11 @@ DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
 HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
 
 
-def repeated_blocks(report: AblationReport, records: Sequence[TrainingRecord]) -> list[str]:
-    """Blocks of Markdown for each scale of these trainings; the recorded run comes first in its
-    own."""
-    trainings = [record.row for record in records]
-    wanted, parts = by_scale(trainings).keys(), [INTRO]
-    for key, rows in by_scale([*report.rows, *trainings]).items():
-        if key in wanted:
-            parts += _of_scale(key, rows, report.domain_label)
+def repeated_blocks(records: Sequence[TrainingRecord], domain_label: str) -> list[str]:
+    """Blocks of Markdown for each scale of these trainings."""
+    parts = [INTRO]
+    for scale, alike in by_scale(records).items():
+        parts += _of_scale(scale, rows_of(alike), domain_label)
     return parts
 
 
@@ -43,36 +40,33 @@ def repeated_figures(records: Sequence[TrainingRecord], domain_label: str) -> di
     """Learning curves of all trainings of a scale, and binned errors of one of each variant, by
     path beside the page."""
     found = {}
-    for key in by_scale([record.row for record in records]):
-        alike = [record for record in records if scale(record.row) == key]
+    for scale, alike in by_scale(records).items():
         first: dict[str, TrainingRecord] = {}
         for record in alike:
             first.setdefault(record.row.variant, record)
-        found[_picture("curves", key)] = learning_curve_figure(
+        found[_picture("curves", scale)] = learning_curve_figure(
             {_title(record, domain_label): record.curves for record in alike}
         )
-        found[_picture("errors", key)] = binned_error_figure(
+        found[_picture("errors", scale)] = binned_error_figure(
             {_title(one, domain_label): one.binned_errors for one in first.values()}
         )
     return found
 
 
-def _of_scale(key: Scale, rows: Sequence[VariantRow], domain_label: str) -> list[str]:
-    images, steps, batch_size, width = key
+def _of_scale(scale: Scale, rows: Sequence[VariantRow], domain_label: str) -> list[str]:
     compared = report_tables.beside_paper(rows, domain_label)
     seeds = ", ".join(
         f"{line.title}: {', '.join(map(str, row.seeds))}"
         for row, line in zip(rows, compared, strict=True)
     )
-    scale_sentence = f"{images:,} training images, {steps:,} steps of {batch_size}, width {width:g}"
     return [
-        f"{scale_sentence}. Seeds: {seeds}.",
+        f"{scale.sentence()} Seeds: {seeds}.",
         table_i_block(compared),
         *_order(rows, domain_label),
         f"Learning curves, one line for each training, on the validation images:\n\n"
-        f"![Learning curves]({_picture('curves', key)})",
+        f"![Learning curves]({_picture('curves', scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
-        f"![Errors by depth, pitch, yaw and visibility]({_picture('errors', key)})",
+        f"![Errors by depth, pitch, yaw and visibility]({_picture('errors', scale)})",
     ]
 
 
@@ -102,6 +96,5 @@ def _title(record: TrainingRecord, domain_label: str) -> str:
     return f"{variant_title(row.variant, domain_label, row.title)}, seed {row.seeds[0]}"
 
 
-def _picture(name: str, key: Scale) -> str:
-    images, steps, batch_size, width = key
-    return f"images/{name}_{images}_images_{steps}x{batch_size}_width_{width:g}.png"
+def _picture(name: str, scale: Scale) -> str:
+    return f"images/{name}_{scale.file_name()}.png"

@@ -1,4 +1,4 @@
-"""The page of results: the recorded run, repeated trainings and benchmarks, all from files."""
+"""The page of results: the recorded run, repeated trainings, sweeps, benchmarks, all from files."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,16 +6,24 @@ from typing import Any
 from shaftpose.evaluation.ablation import AblationReport
 from shaftpose.evaluation.repeated_trainings import repeated_blocks
 from shaftpose.evaluation.report import blocks, pipe_table
+from shaftpose.evaluation.sweep_figure import NO_VALUE
 from shaftpose.evaluation.training_record import TrainingRecord
 
+Table = list[list[str]]  # the headings, then the cells line by line
+
 INTRO = (
-    "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json` and "
-    "`benchmarks/results/*.json`; not to be edited."
+    "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json`, "
+    "`reports/sweeps/*.csv` and `benchmarks/results/*.json`; not to be edited."
 )
 BINNED = (
     "Errors of all variants by depth, pitch, yaw around the 0/358 seam and visible fraction; "
     "`make figures` takes the picture over from the recorded run.\n\n"
     "![Binned errors](images/binned_errors.png)"
+)
+SWEEPS = (
+    "Trainings that differ in their settings, by metrics of the last validation. The lighter a "
+    f"line, the better its mAP. `{NO_VALUE}`: a variant does not have the setting, or nothing was "
+    "found right, so that there is no error to measure."
 )
 
 
@@ -23,20 +31,34 @@ def to_page(
     report: AblationReport,
     profile: str,
     records: Sequence[TrainingRecord],
+    sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
 ) -> str:
     """The page as Markdown.
 
-    report: the recorded run, of the profile `profile`; records: single trainings besides it;
-    benchmarks: the contents of result files by name.
+    report: the recorded run, of the profile `profile`; records: trainings that may be repeats of
+    each other; sweeps: tables that `tools/sweep_figure.py` wrote and benchmarks: the contents of
+    result files, by name.
     """
     parts = ["# Results", INTRO, f"The recorded run has the profile `{profile}`."]
     parts += [*blocks(report), "## Where the errors are", BINNED]
     if records:
-        parts += ["## Repeated trainings", *repeated_blocks(report, records)]
+        parts += ["## Repeated trainings", *repeated_blocks(records, report.domain_label)]
+    if sweeps:
+        parts += ["## Sweeps", SWEEPS, *_sweeps(sweeps)]
     if benchmarks:
         parts += ["## Speed", *_speed(benchmarks)]
     return "\n\n".join(parts) + "\n"
+
+
+def _sweeps(sweeps: Mapping[str, Table]) -> list[str]:
+    """For each sweep its picture and its table."""
+    parts = []
+    for name, (headings, *jobs) in sweeps.items():
+        cells = [[cell or NO_VALUE for cell in job] for job in jobs]
+        picture = f"![Settings and metrics](images/sweep-{name}.png)"
+        parts += [f"### {name}", picture, pipe_table(headings, cells)]
+    return parts
 
 
 def _speed(benchmarks: Mapping[str, Any]) -> list[str]:

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from shaftpose.config import LossSettings, parse
+from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.binned_errors import ErrorBin, as_plain, from_plain
 
@@ -20,6 +22,7 @@ class TrainingRecord:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`."""
 
     row: VariantRow
+    loss: LossSettings
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     curves: Sequence[tuple[int, str, float]]
 
@@ -27,6 +30,7 @@ class TrainingRecord:
         """Plain values, ready for JSON; `read_record` is the way back."""
         return {
             "row": asdict(self.row),
+            "loss": asdict(self.loss),
             "binned_errors": as_plain(self.binned_errors),
             "curves": [list(line) for line in self.curves],
         }
@@ -42,10 +46,21 @@ def validation_curves(curves: Sequence[Sequence[Any]]) -> list[tuple[int, str, f
     ]
 
 
-def read_record(content: Mapping[str, Any]) -> TrainingRecord:
-    """What `as_plain` was made of."""
-    curves = validation_curves(content["curves"])
-    return TrainingRecord(read_row(content["row"]), from_plain(content["binned_errors"]), curves)
+def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
+    """What `as_plain` was made of; `file` is where it lies, for messages."""
+    return TrainingRecord(
+        row=read_row(content["row"]),
+        loss=read_loss(content, file),
+        binned_errors=from_plain(content["binned_errors"]),
+        curves=validation_curves(content["curves"]),
+    )
+
+
+def read_loss(content: Mapping[str, Any], file: str) -> LossSettings:
+    """The loss weights of a training. Raises InputError if `file` does not say them."""
+    if "loss" not in content:
+        raise InputError(f"{file}: lacks `loss`, the weights of the training; train it again")
+    return parse(LossSettings, content["loss"], f"{file}: loss")
 
 
 def read_row(content: Mapping[str, Any]) -> VariantRow:

@@ -1,0 +1,71 @@
+"""What the tool keeps of a training that was evaluated."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from shaftpose.config import LossSettings
+from shaftpose.errors import InputError
+from shaftpose.evaluation.binned_errors import as_plain, binned_errors
+from shaftpose.evaluation.pose_errors import errors_between
+from tests.pipeline.small_data import write_real
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+import evaluate_trainings  # noqa: E402
+import results_page  # noqa: E402
+
+POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
+BINNED = binned_errors(errors_between(POSES + 1, POSES), np.ones(1))
+TRAINING: dict[str, Any] = {
+    "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
+    "batch_size": 4, "width": 0.125, "seed": 7, "parameters": 1000,
+    "loss": {"alpha": 0.5, "beta": [1.0, 1.0, 2.0, 2.0, 2.0], "gamma": 5.0},
+}  # fmt: skip
+
+
+def write_training(folder: Path, training: dict[str, Any]) -> Path:
+    """The folder of a training that was evaluated, and two real images, below `folder`."""
+    write_real(folder / "data/real")
+    trained = folder / "sweeps/0"
+    trained.mkdir(parents=True)
+    torch.save({"identity": {"variant": "d_noise_real"}}, trained / "model.ckpt")
+    (trained / "training.json").write_text(json.dumps(training))
+    evaluation = {
+        "title": "D + noise + real", "real_share": 0.2, "training": training,
+        "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
+        "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
+    }  # fmt: skip
+    (trained / "evaluation.json").write_text(json.dumps(evaluation))
+    return trained
+
+
+def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = evaluate_trainings.record(write_training(tmp_path, TRAINING))
+    assert path == Path("reports/trainings/d_noise_real-01234567.json")
+    (record,) = results_page.records(tmp_path)
+    assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
+    assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
+    assert record.loss == LossSettings(alpha=0.5, gamma=5.0, beta=(1.0, 1.0, 2.0, 2.0, 2.0))
+    assert record.binned_errors == BINNED
+    assert record.curves == [(9, "validation/mAP", 0.25)]
+
+
+def test_a_training_without_its_loss_weights_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    training = {key: value for key, value in TRAINING.items() if key != "loss"}
+    with pytest.raises(InputError, match=r"training\.json: lacks `loss`"):
+        evaluate_trainings.record(write_training(tmp_path, training))
+
+
+def test_a_folder_without_checkpoint_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"model\.ckpt: missing"):
+        evaluate_trainings.variant_of(tmp_path)

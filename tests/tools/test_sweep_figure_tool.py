@@ -1,0 +1,61 @@
+"""The tool that draws a sweep, on MLflow runs of a database of its own."""
+
+import sys
+from pathlib import Path
+
+import mlflow
+import pytest
+
+from shaftpose import tracking
+from shaftpose.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tools"))
+
+import results_page  # noqa: E402
+import sweep_figure  # noqa: E402
+
+FOUND = {"validation/mAP": 0.5, "validation/tip_mm": 4.25, "validation/axis_deg": 9.0}
+NOTHING_RIGHT = {"validation/mAP": 0.0}
+
+
+@pytest.fixture
+def sweep(store: Path) -> Path:
+    """The folder of a sweep without trainings."""
+    (store / "params.yaml").write_text("tracking: {uri: null, experiment: trials}\n")
+    tracking.start_sweep(store / "sweeps/today", "sweep")
+    return store / "sweeps/today"
+
+
+def train(sweep: Path, parameters: dict[str, str], metrics: dict[str, float]) -> None:
+    """A job of the sweep that ends with these metrics."""
+    with tracking.training_run(parameters["variant"], "d", parameters, {}, sweep):
+        mlflow.log_metrics(metrics, step=5)
+
+
+def test_finished_trainings_are_drawn_and_others_counted(
+    sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    train(sweep, {"variant": "b", "steps": "[1, 5]"}, FOUND)
+    train(sweep, {"variant": "d"}, NOTHING_RIGHT)
+    with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
+        mlflow.log_metrics(FOUND, step=2)
+        raise RuntimeError
+    monkeypatch.setattr(sys, "argv", ["sweep_figure.py", str(sweep), "--name", "heads"])
+    sweep_figure.main()
+    assert "2 finished trainings are drawn, 1 of them without" in capsys.readouterr().out
+    headings, *jobs = results_page.sweeps(Path())["heads"]
+    assert headings == ["steps", "variant", *sweep_figure.METRICS]
+    assert jobs == [["[1, 5]", "b", "0.5", "4.25", "9"], ["", "d", "0", "", ""]]
+    assert Path("docs/images/sweep-heads.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_sweep_with_nothing_to_compare_is_refused(sweep: Path) -> None:
+    train(sweep, {"variant": "b"}, FOUND)
+    with pytest.raises(InputError, match="1 of its 1 trainings are finished"):
+        sweep_figure.read_jobs(sweep)
+
+
+def test_a_name_that_leads_elsewhere_is_refused() -> None:
+    with pytest.raises(InputError, match=r"--name \.\./d: takes letters"):
+        sweep_figure.places("../d")
