@@ -8,9 +8,11 @@ from shaftpose.errors import InputError
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write `content`, making the folder if needed."""
+    """Write `content`, making the folder if needed; a file that is there is whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content, indent=1) + "\n")
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1) + "\n")
+    part.replace(path)
 
 
 def read_json(path: Path, stage: str) -> Any:

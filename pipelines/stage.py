@@ -30,7 +30,8 @@ def stage(function: Callable[[Config], None]) -> Callable[[], None]:
             sys.exit(f"error: {last_line(error)}")
         except KeyboardInterrupt:
             sys.exit(
-                "interrupted; run it again: it goes on from finished shards, or the last checkpoint"
+                "interrupted; run it again, a sweep with hydra.sweep.dir=FOLDER, its folder: "
+                "it goes on from finished shards, or the last checkpoint"
             )
 
     main: Callable[[], None] = hydra.main(

@@ -13,7 +13,7 @@ from lightning import Callback, LightningModule, Trainer, seed_everything
 from lightning.pytorch.callbacks import EMAWeightAveraging, LearningRateMonitor, TQDMProgressBar
 from lightning.pytorch.loggers import MLFlowLogger
 from networks import build_network, identity, variant
-from results import write_json
+from results import read_training, write_json
 from settings import size
 from stage import Config, stage
 from unfinished import LAST_CHECKPOINT, kept, scratch_folder
@@ -41,6 +41,9 @@ from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
 
+# A training's result; FACTS is written last.
+CHECKPOINT, CURVES, FACTS = "model.ckpt", "curves.csv", "training.json"
+
 # Lightning's remarks on hardware and its own products; progress and errors still show.
 logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 # It cannot know that `TrainingData` begins at the trainer's step.
@@ -51,13 +54,16 @@ warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended 
 def main(config: Config) -> None:
     """Write `model.ckpt`, `curves.csv` and `training.json` to `out`.
 
-    A training that was interrupted goes on where it was. In a distributed training all processes
-    run this, and the first one keeps the records.
+    A training that was interrupted goes on where it was; one whose result is in `out` is not
+    repeated. In a distributed training all processes run this, and the first one keeps the records.
     """
     chosen, sizes, out = variant(config), size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
     folder = scratch_folder(config, with_real=chosen.real_share > 0)
+    if is_finished(out, folder.name):
+        logger.info("training %s: finished; its result is in %s", chosen.title, out)
+        return
     curves, skipped = Curves(), SkippedImages(folder / "skipped_images.txt")
     trainer = build_trainer(config, sizes, folder, curves)
     module, data = build_module(config, sizes), training_data(config, chosen, sizes, skipped)
@@ -65,25 +71,35 @@ def main(config: Config) -> None:
         fit(trainer, module, data, folder, out)
         return
     with kept(folder) as training_id:
+        (out / FACTS).unlink(missing_ok=True)  # of another training, whose files are overwritten
         logger.info(
             "training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size
         )
         with tracked(config, chosen, training_id, out) as mlflow_logger:
             trainer.loggers = [curves, mlflow_logger]
             fit(trainer, module, data, folder, out)
-        curves.write(out / "curves.csv")
+        curves.write(out / CURVES)
         facts = {
             "training_id": training_id,
+            "fingerprint": folder.name,
             "training_images": len(read_keys(Path("data/split"), "train")),
             "skipped_images": len(skipped.complaints()),
             "steps": trainer.global_step,
             "batch_size": sizes.batch_size,
             "width": sizes.width,
             "seed": config["seed"],
+            "loss": config["loss"],
             "parameters": sum(weight.numel() for weight in module.network.parameters()),
         }
-        write_json(out / "training.json", facts)
+        write_json(out / FACTS, facts)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def is_finished(out: Path, fingerprint: str) -> bool:
+    """Whether `out` holds the whole result of the training of this fingerprint."""
+    if not all((out / name).is_file() for name in (CHECKPOINT, CURVES, FACTS)):
+        return False
+    return bool(read_training(out).get("fingerprint") == fingerprint)
 
 
 def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path, out: Path) -> None:
@@ -95,7 +111,7 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path,
         trainer.fit(module, data, ckpt_path=last if last.is_file() else None, weights_only=True)
     except SystemExit as stop:  # Lightning's answer to Ctrl-C
         raise KeyboardInterrupt from stop
-    trainer.save_checkpoint(out / "model.ckpt", weights_only=True)
+    trainer.save_checkpoint(out / CHECKPOINT, weights_only=True)
 
 
 @contextmanager

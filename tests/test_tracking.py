@@ -89,6 +89,26 @@ def test_runs_of_a_sweep_are_nested(store: Path) -> None:
     assert {c.data.tags["mlflow.parentRunId"] for c in children} == {parents[0].info.run_id}
 
 
+def test_a_sweep_that_goes_on_keeps_its_parent_run(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    for name in ("id-1", "id-2", "id-2"):  # the second one was interrupted
+        tracking.start_sweep(folder, "sweep today")
+        with tracking.training_run(name, "d", {}, {}, folder):
+            pass
+    assert len(tracking.sweep_runs(folder)) == 2
+    assert len(mlflow.search_runs(experiment_names=["trials"], output_format="list")) == 3
+
+
+def test_a_sweep_gets_a_parent_run_where_the_database_lacks_it(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    tracking.start_sweep(folder, "sweep today")
+    tracking.connect(f"sqlite:///{store / 'other.db'}", "trials")
+    tracking.start_sweep(folder, "sweep today")
+    with tracking.training_run("id-1", "d", {}, {}, folder):
+        pass
+    assert len(tracking.sweep_runs(folder)) == 1
+
+
 def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
     folder = store / "sweeps" / "today"
     tracking.start_sweep(folder, "sweep today")

@@ -110,7 +110,13 @@ def _log_origin(parameters: Mapping[str, Any], dataset: Mapping[str, str]) -> No
 
 
 def start_sweep(folder: Path, name: str) -> None:
-    """Create the parent run of a sweep before its jobs start, and note it in the sweep's folder."""
+    """Create the parent run of a sweep before its jobs start, and note it in the sweep's folder.
+
+    A sweep that was interrupted and goes on in its folder keeps the parent run that it has.
+    """
+    known = _read_parent(folder)
+    if known is not None and _is_in_database(known):
+        return
     with mlflow.start_run(run_name=name) as run:
         mlflow.set_tag("shaftpose.sweep", str(folder))
     folder.mkdir(parents=True, exist_ok=True)
@@ -163,6 +169,13 @@ def _validation(run: Run) -> dict[str, float]:
 def _read_parent(folder: Path) -> str | None:
     note = folder / _PARENT_FILE
     return note.read_text() if note.is_file() else None
+
+
+def _is_in_database(run_id: str) -> bool:
+    found: list[Run] = mlflow.search_runs(
+        filter_string=f"attributes.run_id = '{run_id}'", output_format="list"
+    )
+    return bool(found)
 
 
 def log_results(
