@@ -5,12 +5,18 @@ import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import torch
 from lightning import Callback, LightningModule, Trainer, seed_everything
-from lightning.pytorch.callbacks import EMAWeightAveraging, LearningRateMonitor, TQDMProgressBar
+from lightning.pytorch.callbacks import (
+    EMAWeightAveraging,
+    LearningRateMonitor,
+    Timer,
+    TQDMProgressBar,
+)
 from lightning.pytorch.loggers import MLFlowLogger
 from networks import build_network, identity, variant
 from results import read_training, write_json
@@ -78,6 +84,8 @@ def main(config: Config) -> None:
         with tracked(config, chosen, training_id, out) as mlflow_logger:
             trainer.loggers = [curves, mlflow_logger]
             fit(trainer, module, data, folder, out)
+        if trainer.global_step < sizes.steps:
+            logger.info("ended by training.max_hours after %d steps", trainer.global_step)
         curves.write(out / CURVES)
         facts = {
             "training_id": training_id,
@@ -184,7 +192,8 @@ def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
 
 
 def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> Trainer:
-    """One pass over the stream, validated every so many steps and after the last.
+    """One pass over the stream, validated every so many steps and after the last, be it the last
+    of all or of the time.
 
     folder: for checkpoints to go on from.
     """
@@ -193,6 +202,7 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
         TQDMProgressBar(refresh_rate=20),
         LearningRateMonitor("step"),
         ValidationMetrics(),
+        TimeLimit(settings.max_hours),
         LastCheckpoint(folder / LAST_CHECKPOINT, settings.checkpoint_minutes, curves),
         EndAtOnce(),
     ]
@@ -212,6 +222,20 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
         enable_model_summary=False,
         use_distributed_sampler=False,  # `TrainingData` shares the batches out
     )
+
+
+class TimeLimit(Timer):
+    """Ends a training after so many hours of it in all: they are counted in its checkpoints.
+
+    A training that goes on takes a step even if its time is over, for Lightning validates after
+    the last step only if it has seen it.
+    """
+
+    def __init__(self, hours: float | None) -> None:
+        super().__init__(None if hours is None else timedelta(hours=hours))
+
+    def on_fit_start(self, trainer: Trainer, *args: Any, **kwargs: Any) -> None:
+        """Do not look at the clock yet."""
 
 
 class EndAtOnce(Callback):

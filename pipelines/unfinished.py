@@ -24,7 +24,7 @@ LAST_CHECKPOINT = "last.ckpt"
 # What determines a training: parts of the configuration but for what may change in between, and
 # packages. The code and the data come to it.
 _PARTS = ("seed", "camera", "poses", "loss", "size", "backbone", "trainer", "variant", "training")
-_FREE = {"loader_workers", "checkpoint_minutes"}  # of `training`
+_FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}  # of `training`
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
 # The data loaders of a training that was killed hold its lock until they notice, within seconds.

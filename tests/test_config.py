@@ -129,6 +129,7 @@ def test_a_cad_file_needs_a_name_and_a_unit() -> None:
         ("loader_workers", -1),
         ("loader_workers", 1.5),
         ("checkpoint_minutes", -1),
+        ("max_hours", 0),
         ("on_damaged", "maybe"),
         ("gradient_clip", 0),
         ("ema_decay", 1.0),

@@ -346,6 +346,7 @@ class TrainingSettings:
 
     loader_workers: Count
     checkpoint_minutes: Annotated[float, Field(ge=0)]
+    max_hours: Positive | None
     on_damaged: Literal["stop", "skip"]
     gradient_clip: Positive | None
     ema_decay: Annotated[float, Field(gt=0, lt=1)] | None

@@ -29,10 +29,11 @@ READ_IN_PART: dict[str, type] = {
     "training": TrainingSettings,
     "variant": Variant,
 }
-# Where a stage reads and writes, which its command and its lists say, and how fast it runs.
+# Where a stage reads and writes, which its command and its lists say, how fast it runs, and how
+# long it may: a training that was ended is not to be repeated when there is more time.
 NOT_LISTED = frozenset(
     {"out", "results", "model_folder", "variant_file", "profile", "tracking"}
-    | {"cluster", "training.loader_workers", "training.checkpoint_minutes"}
+    | {"cluster", "training.loader_workers", "training.checkpoint_minutes", "training.max_hours"}
 )
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log

@@ -48,7 +48,14 @@ def test_what_dvc_watches_makes_another_training(inside: Path, config: Config, k
 
 
 @pytest.mark.parametrize(
-    "key", ["out", "training.loader_workers", "training.checkpoint_minutes", "tracking.uri"]
+    "key",
+    [
+        "out",
+        "training.loader_workers",
+        "training.checkpoint_minutes",
+        "training.max_hours",
+        "tracking.uri",
+    ],
 )
 def test_what_changes_nothing_may_change_in_between(inside: Path, config: Config, key: str) -> None:
     assert fingerprint(changed(config, key)) == fingerprint(config)
