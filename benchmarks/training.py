@@ -4,7 +4,8 @@ For width 1.0 and the width of the profile `bench`: images per second of (a) the
 alone, forward, loss, backward and optimiser on one batch again and again, and (b) whole training
 steps by the pipeline's trainer, which reads, decodes and augments the images. The two are timed in
 turns, so that whatever else the machine does hits both. Prints them and writes
-`benchmarks/results/train.json`; on a GPU, at the paper's batch of 32 and at the fastest batch.
+`benchmarks/results/train.json`; on a GPU, at the paper's batch of 32 and at the fastest batch, and
+into `train-gpu.json` beside it.
 """
 
 import argparse
@@ -41,7 +42,8 @@ from shaftpose.network.curves import Curves  # noqa: E402
 from shaftpose.network.module import ShaftModule  # noqa: E402
 from shaftpose.network.shaft_network import normalise_images  # noqa: E402
 
-OUT = ROOT / "benchmarks/results/train.json"
+RESULTS = ROOT / "benchmarks/results"
+OUT = {"cpu": RESULTS / "train.json", "cuda": RESULTS / "train-gpu.json"}
 VARIANT = "d"
 PROFILES = ("paper", "bench")
 # A GPU is tried with batches that grow until its memory is full.
@@ -87,9 +89,9 @@ def main() -> None:
         about["device"] = torch.cuda.get_device_name()
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps({**result, "width": widths}, indent=1) + "\n")
-    print(f"written to {OUT.relative_to(ROOT)}")
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    OUT[device].write_text(json.dumps({**result, "width": widths}, indent=1) + "\n")
+    print(f"written to {OUT[device].relative_to(ROOT)}")
 
 
 def timed_profile(

@@ -344,7 +344,7 @@ class Augmentation:
 class TrainingSettings:
     """How a network is trained: params.yaml explains the keys."""
 
-    loader_workers: Count
+    loader_workers: Count | None
     checkpoint_minutes: Annotated[float, Field(ge=0)]
     max_hours: Positive | None
     on_damaged: Literal["stop", "skip"]

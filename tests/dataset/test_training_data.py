@@ -1,5 +1,6 @@
 """The stream of training images and its batches."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -247,8 +248,11 @@ def first_numbers(data: TrainingData, trainer: Any) -> list[list[int]]:
     return [list(numbers) for numbers in batches]
 
 
-def trainer_at(step: int = 0, rank: int = 0, ranks: int = 1) -> Any:
-    return SimpleNamespace(global_step=step, global_rank=rank, world_size=ranks)
+def trainer_at(step: int = 0, rank: int = 0, ranks: int = 1, device: str = "cpu") -> Any:
+    strategy = SimpleNamespace(root_device=torch.device(device))
+    return SimpleNamespace(
+        global_step=step, global_rank=rank, world_size=ranks, num_devices=ranks, strategy=strategy
+    )
 
 
 def test_training_begins_at_the_trainers_step(data: TrainingData) -> None:
@@ -276,6 +280,34 @@ def test_what_was_trained_on_before_is_not_read_again(data: TrainingData, tmp_pa
 def test_ranks_share_every_batch(data: TrainingData) -> None:
     assert first_numbers(data, trainer_at(rank=0, ranks=2)) == [[0, 1], [4, 5]]
     assert first_numbers(data, trainer_at(rank=1, ranks=2)) == [[2, 3], [6, 7]]
+
+
+@pytest.mark.parametrize(
+    ("device", "ranks", "cores", "workers"),
+    [
+        ("cpu", 1, 32, 1),
+        ("cuda", 1, 6, 5),
+        ("cuda", 2, 12, 5),
+        ("cuda", 1, 32, 8),
+        ("cuda", 1, 1, 1),
+    ],
+)
+def test_a_gpu_is_fed_by_the_cores_that_are_free(
+    data: TrainingData,
+    monkeypatch: pytest.MonkeyPatch,
+    device: str,
+    ranks: int,
+    cores: int,
+    workers: int,
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(cores)))
+    data._workers = None
+    data.trainer = trainer_at(ranks=ranks, device=device)
+    for loader in (data.train_dataloader(), data.val_dataloader()):
+        assert loader.num_workers == workers
+        assert loader.pin_memory == (device == "cuda")
+    data._workers = 3
+    assert data.train_dataloader().num_workers == 3
 
 
 def test_a_batch_that_cannot_be_shared_is_refused(data: TrainingData) -> None:
