@@ -138,11 +138,12 @@ def stopped_in_the_middle(folder: Path) -> psutil.Process:
 
     def stopped() -> psutil.Process | None:
         for part in folder.rglob("*.part"):
-            process = psutil.Process(int(part.name.split(".")[-2]))
-            process.suspend()
-            if part.exists():
-                return process
-            process.resume()  # it has just finished its shard
+            with suppress(psutil.NoSuchProcess):  # it has just ended
+                process = psutil.Process(int(part.name.split(".")[-2]))
+                process.suspend()
+                if part.exists():
+                    return process
+                process.resume()  # it has just finished its shard
         return None
 
     process = wait_until(stopped)
@@ -151,7 +152,10 @@ def stopped_in_the_middle(folder: Path) -> psutil.Process:
 
 
 def has_ended(process: psutil.Process) -> bool:
-    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+    try:
+        return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:  # since it was asked whether it is running
+        return True
 
 
 @pytest.fixture
