@@ -9,12 +9,12 @@ from stage import Config, stage
 
 from shaftpose.backgrounds.library import Background, hold_out, read_library
 from shaftpose.config import Size
+from shaftpose.rendering.bop_models import write_models
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
 from shaftpose.rendering.locks import alone_in
 from shaftpose.rendering.scale_out import render_set
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.shards import write_models
 
 logger = logging.getLogger(__name__)
 

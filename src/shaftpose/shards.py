@@ -11,9 +11,8 @@ import json
 import os
 import socket
 import tarfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -396,53 +395,3 @@ def shard_paths(folder: Path) -> list[Path]:
         remedy = f"name one of its folders: {', '.join(inner)}" if inner else _RENDER
         raise InputError(f"{folder}: no shard-*.tar in it; {remedy}")
     return paths
-
-
-def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],
-                 diameter_mm: float, length_mm: float, revolved: bool) -> None:  # fmt: skip
-    """BOP's models folder: the mesh, of triangles as BOP's tools want it, and `models_info.json`.
-
-    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip; faces: the corners of convex
-    polygons; diameter_mm, length_mm: of the rod that holds them, whose diagonal stands for the
-    greatest distance of two vertices; revolved: whether z is an axis of continuous symmetry.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
-    info: dict[str, dict[str, Any]] = {
-        str(SHAFT_OBJECT_ID): {
-            "diameter": float(np.hypot(diameter_mm, length_mm)),
-            **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
-            **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)},
-        }
-    }
-    if revolved:
-        info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
-            {"axis": [0, 0, 1], "offset": [0, 0, 0]}
-        ]
-    _replace_text(folder / "models_info.json", json.dumps(info, indent=1))
-    ply = "\n".join(_ply_lines(vertices_mm, _triangles(faces)))
-    _replace_text(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply", ply)
-
-
-def _replace_text(path: Path, text: str) -> None:
-    """Write a new file in the place of what was there: that may be a hard link into DVC's cache,
-    which must not change."""
-    path.unlink(missing_ok=True)
-    path.write_text(f"{text}\n")
-
-
-def _triangles(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:
-    """Fans around the first corner of each face."""
-    return [(first, *pair) for first, *rest in faces for pair in pairwise(rest)]
-
-
-def _ply_lines(
-    vertices_mm: NDArray[np.float64], triangles: Sequence[tuple[int, int, int]]
-) -> Iterator[str]:
-    yield "ply\nformat ascii 1.0"
-    yield "comment mm; origin at the distal tip, +z towards the handle"
-    yield f"element vertex {len(vertices_mm)}"
-    yield "property float x\nproperty float y\nproperty float z"
-    yield f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header"
-    yield from (f"{x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices_mm)
-    yield from (f"3 {a} {b} {c}" for a, b, c in triangles)

@@ -1,0 +1,57 @@
+"""The models folder that BOP's tools expect."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from shaftpose.rendering.bop_models import write_models
+from shaftpose.rendering.meshes import shaft_mesh
+
+
+def test_models_folder_describes_the_mesh(tmp_path: Path) -> None:
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
+    info = json.loads((tmp_path / "models" / "models_info.json").read_text())["1"]
+    assert info["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
+    # A rod of 3 mm and 150 mm from the tip on; its diagonal is sqrt(9 + 22500) = 150.03.
+    assert [info[f"min_{axis}"] for axis in "xyz"] == pytest.approx([-1.5, -1.5, 0.0])
+    assert [info[f"size_{axis}"] for axis in "xyz"] == pytest.approx([3.0, 3.0, 150.0])
+    assert info["diameter"] == pytest.approx(150.03, abs=0.001)
+    write_models(tmp_path / "jaws", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=False)
+    info = json.loads((tmp_path / "jaws" / "models_info.json").read_text())["1"]
+    assert "symmetries_continuous" not in info
+
+
+def test_the_ply_file_holds_the_mesh_in_triangles(tmp_path: Path) -> None:
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path, mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
+    head, _, body = (tmp_path / "obj_000001.ply").read_text().partition("end_header\n")
+    assert head.startswith("ply\nformat ascii 1.0\n")
+    assert f"element vertex {len(mesh.vertices)}\n" in head
+    faces = body.splitlines()[len(mesh.vertices) :]
+    assert f"element face {len(faces)}\n" in head
+    assert {line.split()[0] for line in faces} == {"3"}
+    read = trimesh.load(tmp_path / "obj_000001.ply")
+    np.testing.assert_allclose(read.extents, [3, 3, 150], atol=1e-5)
+    # Closed, and of the volume of a prism whose base has its corners on the rod's circle.
+    sides = sum(len(face) == 4 for face in mesh.faces)
+    base = sides / 2 * 1.5**2 * np.sin(2 * np.pi / sides)
+    assert read.is_watertight
+    assert read.volume == pytest.approx(150 * base, rel=1e-4)
+
+
+def test_models_that_are_written_again_leave_links_to_the_old_files(tmp_path: Path) -> None:
+    """DVC's cache may be one."""
+    mesh = shaft_mesh(3.0, 150.0)
+    write_models(tmp_path / "models", mesh.vertices, mesh.faces, 3.0, 150.0, revolved=True)
+    files = ("models_info.json", "obj_000001.ply")
+    before = {name: (tmp_path / "models" / name).read_text() for name in files}
+    for name in files:
+        (tmp_path / name).hardlink_to(tmp_path / "models" / name)
+    write_models(tmp_path / "models", 2 * mesh.vertices, mesh.faces, 6.0, 300.0, revolved=True)
+    for name in files:
+        assert (tmp_path / name).read_text() == before[name]
+        assert (tmp_path / "models" / name).read_text() != before[name]
