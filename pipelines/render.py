@@ -53,15 +53,7 @@ def render_images(config: Config, out: Path) -> None:
 
 def write_instrument(config: Config, folder: Path) -> None:
     """Write the mesh that goes with all sets, as BOP's tools expect it."""
-    shape = instrument_shape(render_settings(config).shaft)
-    write_models(
-        folder,
-        shape.mesh.vertices,
-        shape.mesh.faces,
-        shape.diameter_mm,
-        shape.length_mm,
-        shape.revolved,
-    )
+    write_models(folder, instrument_shape(render_settings(config).shaft))
 
 
 def rendered_sets(config: Config, library: list[Background]) -> dict[str, RenderedSet]:

@@ -9,32 +9,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.rendering.shapes import Shape
 from shaftpose.shards import SHAFT_OBJECT_ID
 
 
-def write_models(folder: Path, vertices_mm: NDArray[np.float64], faces: Sequence[Sequence[int]],
-                 diameter_mm: float, length_mm: float, revolved: bool) -> None:  # fmt: skip
+def write_models(folder: Path, shape: Shape) -> None:
     """BOP's models folder: the mesh, of triangles as BOP's tools want it, and `models_info.json`.
 
-    vertices_mm: (V, 3) in the shaft frame, whose origin is the tip; faces: the corners of convex
-    polygons; diameter_mm, length_mm: of the rod that holds them, whose diagonal stands for the
-    greatest distance of two vertices; revolved: whether z is an axis of continuous symmetry.
+    The diagonal of the rod that holds the mesh stands for the greatest distance of two vertices.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    vertices_mm = shape.mesh.vertices
     low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
     info: dict[str, dict[str, Any]] = {
         str(SHAFT_OBJECT_ID): {
-            "diameter": float(np.hypot(diameter_mm, length_mm)),
+            "diameter": float(np.hypot(shape.diameter_mm, shape.length_mm)),
             **{f"min_{axis}": float(value) for axis, value in zip("xyz", low, strict=True)},
             **{f"size_{axis}": float(value) for axis, value in zip("xyz", size, strict=True)},
         }
     }
-    if revolved:
+    if shape.revolved:
         info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
             {"axis": [0, 0, 1], "offset": [0, 0, 0]}
         ]
     _replace_text(folder / "models_info.json", json.dumps(info, indent=1))
-    ply = "\n".join(_ply_lines(vertices_mm, _triangles(faces)))
+    ply = "\n".join(_ply_lines(vertices_mm, _triangles(shape.mesh.faces)))
     _replace_text(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply", ply)
 
 
