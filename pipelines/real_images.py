@@ -7,9 +7,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from render import CLEAR, OCCLUDED, SCRATCH, by_path, images_per_shard
+from render import CLEAR, OCCLUDED, by_path, images_per_shard
 from settings import cluster_settings, render_settings, size
-from stage import Config, stage
+from stage import SCRATCH, Config, stage
 
 from shaftpose.backgrounds.library import procedural_sources, read_library, write_library
 from shaftpose.backgrounds.tissue import STAND_IN

@@ -5,7 +5,7 @@ from math import ceil
 from pathlib import Path
 
 from settings import cluster_settings, render_settings, size
-from stage import Config, stage
+from stage import SCRATCH, Config, stage
 
 from shaftpose.backgrounds.library import Background, hold_out, read_library
 from shaftpose.config import Size
@@ -18,7 +18,6 @@ from shaftpose.rendering.shapes import instrument_shape
 
 logger = logging.getLogger(__name__)
 
-SCRATCH = Path("data/scratch")
 # What sets without occluders replace of the user's scene.
 CLEAR = {"occluder_probability": 0.0, "crossing_probability": 0.0}
 # What sets with hidden shafts replace: of each shaft a fifth is hidden at least, so that the image

@@ -3,6 +3,7 @@
 import functools
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig, OmegaConf
@@ -11,7 +12,10 @@ from settings import Config, check
 
 from shaftpose.errors import InputError
 
-__all__ = ["Config", "stage"]
+__all__ = ["SCRATCH", "Config", "stage"]
+
+# From it, interrupted renders and trainings go on.
+SCRATCH = Path("data/scratch")
 
 
 def stage(function: Callable[[Config], None]) -> Callable[[], None]:

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import yaml
 from filelock import AcquireReturnProxy, FileLock, Timeout
-from stage import Config
+from stage import SCRATCH, Config
 
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import read_keys
 from shaftpose.errors import InputError
 from shaftpose.shards import shard_paths
 
-SCRATCH = Path("data/scratch")
 LAST_CHECKPOINT = "last.ckpt"
 
 # What determines a training: parts of the configuration but for what may change in between, and
