@@ -18,11 +18,12 @@ from report import variant_row  # noqa: E402
 from results import read_json, read_training, write_json  # noqa: E402
 
 from shaftpose.dataset.coco import read_coco  # noqa: E402
+from shaftpose.dataset.split import read_keys  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
 from shaftpose.evaluation.training_record import (  # noqa: E402
     TrainingRecord,
-    read_loss,
+    read_recipe,
     validation_curves,
 )
 
@@ -45,11 +46,23 @@ def main() -> None:
 
 def evaluate(folder: Path, settings: list[str]) -> None:
     """Export the folder's checkpoint and evaluate it, results beside it."""
+    check_images(folder)
     places = [f"variant={variant_of(folder)}", f"model_folder={folder}", f"out={folder}"]
     for stage in ("export", "evaluate"):
         done = subprocess.run([sys.executable, f"pipelines/{stage}.py", *places, *settings])
         if done.returncode:
             raise InputError(f"{folder}: {stage} failed, see above; give its settings by --with")
+
+
+def check_images(folder: Path) -> None:
+    """Raise InputError if the training was on other images than those in data/."""
+    trained = read_training(folder)["training_images"]
+    images = len(read_keys(Path("data/split"), "train"))
+    if trained != images:
+        raise InputError(
+            f"{folder}: was trained on {trained:,} images, but data/split has {images:,} to train "
+            "on: run `dvc repro split real_images` at the profile of the training"
+        )
 
 
 def variant_of(folder: Path) -> str:
@@ -63,12 +76,12 @@ def variant_of(folder: Path) -> str:
 def record(folder: Path) -> Path:
     """Write what is kept of the training where `make results` finds it."""
     variant, training = variant_of(folder), read_training(folder)
-    loss = read_loss(training, str(folder / "training.json"))
+    recipe = read_recipe(training, str(folder / "training.json"))
     result = read_json(folder / "evaluation.json", "evaluate")
     row = variant_row(variant, result, len(read_coco(Path("data/real/train.json"))))
     binned, curves = from_plain(result["binned_errors"]), validation_curves(result["curves"])
     path = RECORDS / f"{variant}-{training['training_id'][:8]}.json"
-    write_json(path, TrainingRecord(row, loss, binned, curves).as_plain())
+    write_json(path, TrainingRecord(row, recipe, binned, curves).as_plain())
     return path
 
 

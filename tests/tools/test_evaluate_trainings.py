@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from shaftpose.config import LossSettings
 from shaftpose.errors import InputError
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between
@@ -25,7 +24,7 @@ BINNED = binned_errors(errors_between(POSES + 1, POSES), np.ones(1))
 TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "seed": 7, "parameters": 1000,
-    "loss": {"alpha": 0.5, "beta": [1.0, 1.0, 2.0, 2.0, 2.0], "gamma": 5.0},
+    "recipe": {"loss": {"alpha": 0.5}},
 }  # fmt: skip
 
 
@@ -52,18 +51,29 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     (record,) = results_page.records(tmp_path)
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
-    assert record.loss == LossSettings(alpha=0.5, gamma=5.0, beta=(1.0, 1.0, 2.0, 2.0, 2.0))
+    assert record.recipe == TRAINING["recipe"]
     assert record.binned_errors == BINNED
     assert record.curves == [(9, "validation/mAP", 0.25)]
 
 
-def test_a_training_without_its_loss_weights_is_refused(
+def test_a_training_without_its_settings_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    training = {key: value for key, value in TRAINING.items() if key != "loss"}
-    with pytest.raises(InputError, match=r"training\.json: lacks `loss`"):
+    training = {key: value for key, value in TRAINING.items() if key != "recipe"}
+    with pytest.raises(InputError, match=r"training\.json: lacks `recipe`"):
         evaluate_trainings.record(write_training(tmp_path, training))
+
+
+def test_a_training_on_other_images_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = write_training(tmp_path, TRAINING)
+    (tmp_path / "data/split").mkdir()
+    (tmp_path / "data/split/train.csv").write_text("key\nshard/000001\n")
+    with pytest.raises(InputError, match="trained on 90 images, but data/split has 1 to train"):
+        evaluate_trainings.check_images(folder)
 
 
 def test_a_folder_without_checkpoint_is_refused(tmp_path: Path) -> None:

@@ -8,9 +8,10 @@ from shaftpose.evaluation.paper_tables import TABLE_I
 from shaftpose.instruments import POSE_DIMENSIONS
 
 # Each step of the study: what was there, and what the paper puts in its place.
-STEPS = (("b", "c"), ("c", "d"), ("d", "d_noise"))
+STEPS = (("b", "c"), ("b", "d"), ("c", "d"), ("d", "d_noise"))
 METRICS = ("mAP", "detected_rate", *POSE_DIMENSIONS)
-AS_IN_PAPER, REVERSED, UNDECIDED = "as in the paper", "reversed", "within the spread"
+AS_IN_PAPER, REVERSED = "as in the paper", "reversed"
+UNDECIDED, SILENT = "within the spread", "the paper is silent"
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Change:
 
 
 def changes(rows: Sequence[VariantRow]) -> dict[tuple[str, str], dict[str, Change]]:
-    """The changes by step and metric, as far as the paper says in which direction they go.
+    """The changes by step and metric.
 
     rows: variants trained alike. A difference decides nothing if it is no larger than the half
     ranges of both values together; a variant that was trained once is taken to spread as much as
@@ -44,12 +45,14 @@ def _change(
     rises = _rises(before.variant, after.variant, metric)
     first, second = before.metrics.get(metric), after.metrics.get(metric)
     spreads = [value for row in rows if (value := row.spread.get(metric)) is not None]
-    if rises is None or first is None or second is None or not spreads:
+    if first is None or second is None or not spreads:
         return None
     difference = second - first
     noise = sum(row.spread.get(metric, max(spreads)) or 0.0 for row in (before, after))
     if abs(difference) <= noise:
         return Change(difference, UNDECIDED)
+    if rises is None:
+        return Change(difference, SILENT)
     return Change(difference, AS_IN_PAPER if (difference > 0) == rises else REVERSED)
 
 

@@ -1,54 +1,69 @@
 """Several trainings of one variant as one row: mean and half range."""
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from shaftpose.config import LossSettings
+from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.training_record import TrainingRecord
 
 
 class Scale(NamedTuple):
-    """What trainings must agree in to compare."""
+    """What trainings must agree in to compare. `steps` were taken; `settings` is their recipe as
+    JSON, with the number that was planned."""
 
     training_images: int
+    test_images: int
     steps: int
-    batch_size: int
-    width: float
-    loss: LossSettings
+    settings: str
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """The settings by their names in the configuration."""
+        return dict(json.loads(self.settings))
 
     def sentence(self) -> str:
         """The scale for readers."""
-        loss, beta = self.loss, ", ".join(f"{weight:g}" for weight in self.loss.beta)
+        size, loss, training = (self.recipe[part] for part in ("size", "loss", "training"))
+        planned = "" if self.steps == size["steps"] else f" of {size['steps']:,} planned"
         return (
-            f"{self.training_images:,} training images, {self.steps:,} steps of {self.batch_size}, "
-            f"width {self.width:g}; loss weights alpha {loss.alpha:g}, gamma {loss.gamma:g}, "
-            f"beta {beta}."
+            f"{self.training_images:,} training images, {self.test_images:,} test images; "
+            f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
+            f"{size['width']:g}, learning rate {size['learning_rate']:g}, batch normalisation "
+            f"frozen in the last {training['frozen_norm_share']:.0%}; loss weights alpha "
+            f"{loss['alpha']:g}, gamma {loss['gamma']:g}, "
+            f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."
         )
 
     def file_name(self) -> str:
-        """The scale as a part of a file's name."""
-        loss, beta = self.loss, "-".join(f"{weight:g}" for weight in self.loss.beta)
-        return (
-            f"{self.training_images}_images_{self.steps}x{self.batch_size}_width_{self.width:g}"
-            f"_alpha_{loss.alpha:g}_gamma_{loss.gamma:g}_beta_{beta}"
-        )
+        """The scale as a part of a file's name; the last part stands for all settings."""
+        size, digest = self.recipe["size"], hashlib.sha256(self.settings.encode()).hexdigest()
+        steps = f"{self.steps}x{size['batch_size']}"
+        return f"{self.training_images}_images_{steps}_width_{size['width']:g}_{digest[:8]}"
 
 
 def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingRecord]]:
     """The trainings of each scale, in the order in which they come.
 
-    Of trainings with the same variant, scale and seed the first one counts.
+    Raises InputError if two of a scale have the same variant and seed.
     """
     found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
     for record in records:
-        row = record.row
-        scale = Scale(row.training_images, row.steps, row.batch_size, row.width, record.loss)
-        found.setdefault(scale, {}).setdefault((row.variant, row.seeds), record)
-    return {scale: list(trained.values()) for scale, trained in found.items()}
+        row, settings = record.row, json.dumps(record.recipe, sort_keys=True)
+        scale = Scale(row.training_images, row.test_images, row.steps, settings)
+        alike = found.setdefault(scale, {})
+        if (row.variant, row.seeds) in alike:
+            raise InputError(
+                f"reports/trainings: two records of {row.variant} with seed {row.seeds[0]} and the "
+                "same settings; delete the one that is not to count"
+            )
+        alike[row.variant, row.seeds] = record
+    return {scale: list(alike.values()) for scale, alike in found.items()}
 
 
 def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:

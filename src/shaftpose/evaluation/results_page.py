@@ -15,6 +15,10 @@ INTRO = (
     "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json`, "
     "`reports/sweeps/*.csv` and `benchmarks/results/*.json`; not to be edited."
 )
+RUN = (
+    "Tables I and II and the errors below them are of one run of `make repro` at the profile "
+    "`{profile}`."
+)
 BINNED = (
     "Errors of all variants by depth, pitch, yaw around the 0/358 seam and visible fraction; "
     "`make figures` takes the picture over from the recorded run.\n\n"
@@ -40,10 +44,11 @@ def to_page(
     each other; sweeps: tables that `tools/sweep_figure.py` wrote and benchmarks: the contents of
     result files, by name.
     """
-    parts = ["# Results", INTRO, f"The recorded run has the profile `{profile}`."]
-    parts += [*blocks(report), "## Where the errors are", BINNED]
+    parts = ["# Results", INTRO]
     if records:
         parts += ["## Repeated trainings", *repeated_blocks(records, report.domain_label)]
+    parts += ["## The pipeline's run", RUN.format(profile=profile)]
+    parts += [*blocks(report), "## Where the errors are", BINNED]
     if sweeps:
         parts += ["## Sweeps", SWEEPS, *_sweeps(sweeps)]
     if benchmarks:

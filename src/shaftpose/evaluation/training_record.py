@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from shaftpose.config import LossSettings, parse
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.binned_errors import ErrorBin, as_plain, from_plain
@@ -19,10 +18,13 @@ CURVES = tuple(
 
 @dataclass(frozen=True)
 class TrainingRecord:
-    """One training; `curves` are rows of step, name and value, for the names of `CURVES`."""
+    """One training; `curves` are rows of step, name and value, for the names of `CURVES`.
+
+    recipe: all settings but variant and seed, as the train stage notes them.
+    """
 
     row: VariantRow
-    loss: LossSettings
+    recipe: Mapping[str, Any]
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     curves: Sequence[tuple[int, str, float]]
 
@@ -30,7 +32,7 @@ class TrainingRecord:
         """Plain values, ready for JSON; `read_record` is the way back."""
         return {
             "row": asdict(self.row),
-            "loss": asdict(self.loss),
+            "recipe": self.recipe,
             "binned_errors": as_plain(self.binned_errors),
             "curves": [list(line) for line in self.curves],
         }
@@ -50,17 +52,17 @@ def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
     """What `as_plain` was made of; `file` is where it lies, for messages."""
     return TrainingRecord(
         row=read_row(content["row"]),
-        loss=read_loss(content, file),
+        recipe=read_recipe(content, file),
         binned_errors=from_plain(content["binned_errors"]),
         curves=validation_curves(content["curves"]),
     )
 
 
-def read_loss(content: Mapping[str, Any], file: str) -> LossSettings:
-    """The loss weights of a training. Raises InputError if `file` does not say them."""
-    if "loss" not in content:
-        raise InputError(f"{file}: lacks `loss`, the weights of the training; train it again")
-    return parse(LossSettings, content["loss"], f"{file}: loss")
+def read_recipe(content: Mapping[str, Any], file: str) -> dict[str, Any]:
+    """The settings of a training. Raises InputError if `file` does not say them."""
+    if "recipe" not in content:
+        raise InputError(f"{file}: lacks `recipe`, the settings of the training; train it again")
+    return dict(content["recipe"])
 
 
 def read_row(content: Mapping[str, Any]) -> VariantRow:
