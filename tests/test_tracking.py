@@ -93,7 +93,7 @@ def test_a_sweep_that_goes_on_keeps_its_parent_run(store: Path) -> None:
     folder = store / "sweeps" / "today"
     for name in ("id-1", "id-2", "id-2"):  # the second one was interrupted
         tracking.start_sweep(folder, "sweep today")
-        with tracking.training_run(name, "d", {}, {}, folder):
+        with tracking.training_run(name, "d", {"job": name}, {}, folder):
             pass
     assert len(tracking.sweep_runs(folder)) == 2
     assert len(mlflow.search_runs(experiment_names=["trials"], output_format="list")) == 3
@@ -124,6 +124,14 @@ def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
     assert [run.metrics["validation/mAP"] for run in runs] == pytest.approx([0.05, 0.15])
 
 
+def test_of_trainings_with_the_same_parameters_the_last_one_counts(store: Path) -> None:
+    tracking.start_sweep(store, "sweep")
+    for number, value in enumerate((0.25, 0.5)):  # in between, the code was changed
+        with tracking.training_run(f"id-{number}", "d", {"alpha": 0.5}, {}, store):
+            mlflow.log_metrics({"validation/mAP": value}, step=2)
+    assert [run.metrics for run in tracking.sweep_runs(store)] == [{"validation/mAP": 0.5}]
+
+
 def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> None:
     tracking.start_sweep(store, "sweep")
     with tracking.training_run("id-1", "d", {}, {}, store):
@@ -135,9 +143,9 @@ def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> No
 
 def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
     tracking.start_sweep(store, "sweep")
-    with pytest.raises(RuntimeError), tracking.training_run("id-1", "d", {}, {}, store):
+    with pytest.raises(RuntimeError), tracking.training_run("id-1", "d", {"a": 1}, {}, store):
         raise RuntimeError
-    with tracking.training_run("id-2", "d", {}, {}, store):
+    with tracking.training_run("id-2", "d", {"a": 2}, {}, store):
         assert [run.finished for run in tracking.sweep_runs(store)] == [False, False]
     assert [run.finished for run in tracking.sweep_runs(store)] == [False, True]
 

@@ -20,6 +20,8 @@ from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, swept_parameters
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
+# What each line of the table says of a training, too, be it swept or not.
+BUDGET = ("variant.name", "size.images", "size.steps", "size.batch_size", "size.width")
 
 
 def main() -> None:
@@ -72,7 +74,7 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
 
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
     """One line for each job; what it lacks is empty."""
-    names = swept_parameters(jobs)
+    names = list(dict.fromkeys([*swept_parameters(jobs), *BUDGET]))
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")

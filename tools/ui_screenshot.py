@@ -29,6 +29,7 @@ PATIENCE_S = 60.0
 # The page asks the server for its data; so long it is given, in the browser's own time.
 SETTLED_MS = 30_000
 SIZE_PX = (1500, 1100)
+TITLE = "Parallel Coordinates Plot"  # stands on the page when its data are there
 
 
 def main() -> None:
@@ -47,10 +48,10 @@ def main() -> None:
 
 
 def comparison(sweep: Path) -> str:
-    """The path of the page that compares all trainings of a sweep."""
+    """The path of the page that compares the finished trainings of a sweep."""
     settings = yaml.safe_load(Path("params.yaml").read_text())["tracking"]
     tracking.connect(**settings)
-    runs = [run.run_id for run in tracking.sweep_runs(sweep)]
+    runs = [run.run_id for run in tracking.sweep_runs(sweep) if run.finished]
     experiment = mlflow.get_experiment_by_name(settings["experiment"])
     listed = quote(json.dumps(runs)), quote(json.dumps([experiment.experiment_id]))
     return "/compare-runs?runs={}&experiments={}&workflowType=machine_learning".format(*listed)
@@ -93,19 +94,35 @@ def await_server(address: str) -> None:
 
 
 def take_picture(url: str, path: Path) -> None:
-    """Write what a browser without a window shows."""
+    """Write what a browser without a window shows when the page has its data.
+
+    Raises InputError if it does not show `TITLE`: a page that could not load has a picture, too.
+    """
+    path.unlink(missing_ok=True)
+    if TITLE not in browse(url, "--dump-dom"):
+        raise InputError(f"{url}: the page does not show {TITLE!r}; open it to see why")
+    browse(url, f"--screenshot={path.resolve()}")
+    if not path.is_file():
+        raise InputError(f"{path}: no picture of {url} was taken; open it to see why")
+
+
+def browse(url: str, wanted: str) -> str:
+    """What the browser prints when it opens a page for what the option `wanted` asks."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         raise InputError(f"none of {', '.join(BROWSERS)} is installed; install one of them")
-    path.unlink(missing_ok=True)
     options = [
-        "--headless=new", "--hide-scrollbars", "--disable-gpu", f"--screenshot={path.resolve()}",
+        "--headless=new", "--hide-scrollbars", "--disable-gpu", wanted,
         f"--window-size={SIZE_PX[0]},{SIZE_PX[1]}", f"--virtual-time-budget={SETTLED_MS}",
         *(["--no-sandbox"] if os.geteuid() == 0 else []),  # Chromium refuses root otherwise
     ]  # fmt: skip
-    subprocess.run([browser, *options, url], capture_output=True, timeout=10 * PATIENCE_S)
-    if not path.is_file():
-        raise InputError(f"{path}: {browser} took no picture of {url}; open it to see why")
+    try:
+        done = subprocess.run(
+            [browser, *options, url], capture_output=True, text=True, timeout=10 * PATIENCE_S
+        )
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{browser} does not come to an end with {url}; open it there") from error
+    return done.stdout
 
 
 if __name__ == "__main__":

@@ -136,6 +136,7 @@ class SweepRun(NamedTuple):
 def sweep_runs(folder: Path) -> list[SweepRun]:
     """The trainings of a sweep, in the order of their start, unfinished ones included.
 
+    Of those with the same parameters the last one: a job is trained anew if code or data change.
     Raises InputError if no sweep was tracked from `folder`.
     """
     parent = _read_parent(folder)
@@ -147,9 +148,10 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
         output_format="list",
     )
     finished = RunStatus.to_string(RunStatus.FINISHED)
+    latest = {frozenset(run.data.params.items()): run for run in found}
     return [
         SweepRun(run.info.run_id, run.info.status == finished, run.data.params, _validation(run))
-        for run in found
+        for run in latest.values()
     ]
 
 

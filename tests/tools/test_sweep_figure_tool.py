@@ -36,8 +36,8 @@ def train(sweep: Path, parameters: dict[str, str], metrics: dict[str, float]) ->
 def test_finished_trainings_are_drawn_and_others_counted(
     sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    train(sweep, {"variant": "b", "steps": "[1, 5]"}, FOUND)
-    train(sweep, {"variant": "d"}, NOTHING_RIGHT)
+    train(sweep, {"variant": "b", "steps": "[1, 5]", "size.steps": "9"}, FOUND)
+    train(sweep, {"variant": "d", "size.steps": "9"}, NOTHING_RIGHT)
     with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
         mlflow.log_metrics(FOUND, step=2)
         raise RuntimeError
@@ -45,8 +45,12 @@ def test_finished_trainings_are_drawn_and_others_counted(
     sweep_figure.main()
     assert "2 finished trainings are drawn, 1 of them without" in capsys.readouterr().out
     headings, *jobs = results_page.sweeps(Path())["heads"]
-    assert headings == ["steps", "variant", *sweep_figure.METRICS]
-    assert jobs == [["[1, 5]", "b", "0.5", "4.25", "9"], ["", "d", "0", "", ""]]
+    assert headings == ["steps", "variant", *sweep_figure.BUDGET, *sweep_figure.METRICS]
+    assert headings[4] == "size.steps"
+    assert jobs == [
+        ["[1, 5]", "b", "", "", "9", "", "", "0.5", "4.25", "9"],
+        ["", "d", "", "", "9", "", "", "0", "", ""],
+    ]
     assert Path("docs/images/sweep-heads.png").read_bytes().startswith(b"\x89PNG")
 
 
