@@ -15,7 +15,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from settings import size  # noqa: E402
 from stage import Config  # noqa: E402
 from train import build_module, build_trainer, training_data  # noqa: E402
 
+from benchmarks.aims import Aim  # noqa: E402
 from benchmarks.machine import machine  # noqa: E402
 from shaftpose.batches import Batch, Targets  # noqa: E402
 from shaftpose.config import Size  # noqa: E402
@@ -48,8 +49,13 @@ VARIANT = "d"
 PROFILES = ("paper", "bench")
 # A GPU is tried with batches that grow until its memory is full.
 BATCHES = {"cpu": (8,), "cuda": (32, 64, 128, 256, 512)}
-STEPS = {"cpu": 10, "cuda": 100}
+STEPS = {"cpu": 10, "cuda": 300}
 ROUNDS, WARM_UP = 5, 3
+LOOP_AIM = {
+    "cpu": Aim("training loop as fast as its step alone", least=0.9),
+    "cuda": Aim("training loop as fast as its step alone", least=0.85),
+}
+MATCHING_AIM = Aim("matching and mining, share of a step", below=0.05)
 
 
 class Clock(Callback):
@@ -90,7 +96,8 @@ def main() -> None:
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
     RESULTS.mkdir(parents=True, exist_ok=True)
-    OUT[device].write_text(json.dumps({**result, "width": widths}, indent=1) + "\n")
+    result |= {"aims": verdicts(widths, LOOP_AIM[device]), "width": widths}
+    OUT[device].write_text(json.dumps(result, indent=1) + "\n")
     print(f"written to {OUT[device].relative_to(ROOT)}")
 
 
@@ -118,6 +125,21 @@ def timed_profile(
     return f"{size(config).width:g}", {**speeds[0], "best_batch_size": best["batch_size"]} | {
         "batches": speeds
     }
+
+
+def verdicts(widths: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[str, Any]]:
+    """What is wanted of each width, what was measured, and whether that is enough."""
+    wanted = [
+        (width, aim, speeds[key])
+        for width, speeds in widths.items()
+        for aim, key in ((loop, "loop_over_step"), (MATCHING_AIM, "matching_and_mining_share"))
+        if aim is loop or width == "1"  # in narrow networks, all but convolutions weighs more
+    ]
+    return [
+        {"width": width, "what": aim.title, "wanted": str(aim), "measured": value,
+         "verdict": aim.verdict(value)}
+        for width, aim, value in wanted
+    ]  # fmt: skip
 
 
 def composed(profile: str) -> Config:
@@ -159,7 +181,9 @@ def loop_seconds(config: Config, sizes: Size, module: ShaftModule) -> float:
         clock = Clock(WARM_UP, sizes.steps)
         trainer.callbacks.append(clock)  # type: ignore[attr-defined]
         skipped = SkippedImages(Path(folder) / "skipped_images.txt")
-        trainer.fit(module, training_data(config, variant(config), sizes, skipped))
+        # Twice the stream: reading goes on until the end, as it does in a training.
+        more = replace(sizes, steps=2 * sizes.steps)
+        trainer.fit(module, training_data(config, variant(config), more, skipped))
     return clock.seconds
 
 

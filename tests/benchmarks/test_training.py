@@ -24,6 +24,15 @@ def test_widths_are_those_of_the_profiles(monkeypatch: pytest.MonkeyPatch) -> No
     assert 0 < widths[1] < 1
 
 
+def test_what_is_wanted_is_held_against_what_was_measured() -> None:
+    speeds = {"1": {"loop_over_step": 0.85, "matching_and_mining_share": 0.02}}
+    loop, matching = training.verdicts(speeds, training.LOOP_AIM["cpu"])
+    assert (loop["wanted"], loop["measured"], loop["verdict"]) == (">= 0.9", 0.85, "missed")
+    assert (matching["wanted"], matching["verdict"]) == ("< 0.05", "met")
+    (narrow,) = training.verdicts({"0.25": speeds["1"]}, training.LOOP_AIM["cuda"])
+    assert (narrow["width"], narrow["verdict"]) == ("0.25", "met")
+
+
 def test_the_step_alone_trains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     config = composed("smoke")
