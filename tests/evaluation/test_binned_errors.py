@@ -1,6 +1,7 @@
 """Binned errors against instruments whose bins and errors are set by hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,9 +58,12 @@ def test_bins_pass_through_json():
     assert from_plain(json.loads(json.dumps(as_plain(BINS)))) == BINS
 
 
-def test_the_figure_shows_the_medians_of_filled_bins():
-    figure = binned_error_figure({"C": BINS, "D": BINS})
-    depth = figure.axes[0]
-    np.testing.assert_allclose(depth.lines[1].get_xydata(), [[12.5, 2.0], [37.5, 4.0]])
+def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
+    often = {name: [replace(one, count=5 * one.count) for one in row] for name, row in BINS.items()}
+    figure = binned_error_figure({"C": BINS, "D": often})
+    rarely, depth = (line.get_xydata() for line in figure.axes[0].lines)
+    assert np.isnan(rarely[:, 1]).all()
+    np.testing.assert_allclose(depth[:, 0], [12.5, 17.5, 22.5, 27.5, 32.5, 37.5])
+    np.testing.assert_allclose(depth[:, 1], [2.0, *[np.nan] * 4, 4.0])
     assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]

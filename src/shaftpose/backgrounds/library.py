@@ -187,15 +187,15 @@ def hold_out(
 ) -> tuple[list[Background], list[Background]]:
     """Two lists that share no source image; the second has `share` of the sources, at least one.
 
-    Raises InputError for fewer than three sources: two must remain, one for training and one for
-    test images.
+    Raises InputError for fewer than four sources: three must remain, one each for training,
+    validation and test images.
     """
     sources = sorted({background.source for background in backgrounds})
     count = max(1, round(share * len(sources)))
-    if len(sources) - count < 2:
+    if len(sources) - count < 3:
         raise InputError(
             f"{len(sources)} source image(s), a subfolder counting as one, of which {count} held "
-            "out leave fewer than two: give more images in backgrounds.source, or subfolders, or "
+            "out leave fewer than three: give more images in backgrounds.source, or subfolders, or "
             "lower backgrounds.held_out"
         )
     chosen = set(np.random.default_rng(seed).permutation(sources)[:count].tolist())

@@ -95,5 +95,7 @@ def choose_champion(validation: Mapping[str, Mapping[str, float]], margin: float
     return Champion(
         chosen,
         "least mean tip error among the variants whose mAP is within "
-        f"{margin:g} of the best, both on the validation images",
-    )
+        f"{margin:g} of the best, both on the validation images, where it has "
+        + ", ".join(f"{name} {value:.3g}" for name, value in sorted(validation[chosen].items())
+                    if name in ("mAP", "tip_mm")),
+    )  # fmt: skip

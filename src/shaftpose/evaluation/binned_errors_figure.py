@@ -1,5 +1,6 @@
 """The figure of binned errors: all variants side by side."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from matplotlib.axes import Axes
@@ -20,13 +21,15 @@ QUANTITY_LABELS = {
     "yaw_from_seam_deg": "true yaw from the seam [deg]",
     "visible_fraction": "visible fraction",
 }
+FEWEST = 5  # whose median is shown
 ERROR_LABELS = {"tip_mm": "tip error [mm]", "axis_deg": "axis error [deg]"}
 
 
 def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]) -> Figure:
     """Median error in each bin, by variant title: a column for each quantity, a row for each error.
 
-    A dotted line at 0 deg marks the seam of the yaw. Bins without an instrument are left out.
+    A dotted line at 0 deg marks the seam of the yaw. Bins of fewer than `FEWEST` instruments are
+    left out, and lines do not bridge them.
     """
     figure = new_figure(16.0, 6.4)
     panels = figure.subplots(len(ERRORS), len(EDGES), sharey="row")
@@ -43,10 +46,9 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
 
 
 def _draw(axes: Axes, bins: Sequence[ErrorBin], value: str, title: str, index: int) -> None:
-    filled = [one for one in bins if one.count]
     axes.plot(
-        [(one.low + one.high) / 2 for one in filled],
-        [getattr(one, value) for one in filled],
+        [(one.low + one.high) / 2 for one in bins],
+        [getattr(one, value) if one.count >= FEWEST else math.nan for one in bins],
         label=title,
         color=COLOURS[index % len(COLOURS)],
         linestyle=LINE_STYLES[index % len(LINE_STYLES)],

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shaftpose.evaluation.ablation import AblationReport
+from shaftpose.evaluation.binned_errors_figure import FEWEST
 from shaftpose.evaluation.repeated_trainings import repeated_blocks
 from shaftpose.evaluation.report import blocks, pipe_table
 from shaftpose.evaluation.sweep_figure import NO_VALUE
@@ -20,8 +21,9 @@ RUN = (
     "`{profile}`."
 )
 BINNED = (
-    "Errors of all variants by depth, pitch, yaw around the 0/358 seam and visible fraction; "
-    "`make figures` takes the picture over from the recorded run.\n\n"
+    "Median errors by depth, pitch, yaw around the 0/358 seam and visible fraction, "
+    f"where at least {FEWEST} instruments were found; `make figures` takes the picture over from "
+    "the recorded run.\n\n"
     "![Binned errors](images/binned_errors.png)"
 )
 SWEEPS = (
