@@ -22,7 +22,7 @@ from networks import build_network, identity, variant
 from results import read_training, write_json
 from settings import size
 from stage import Config, stage
-from unfinished import LAST_CHECKPOINT, kept, scratch_folder
+from unfinished import LAST_CHECKPOINT, kept, recipe, scratch_folder
 from validation import ValidationMetrics
 
 from shaftpose import tracking
@@ -96,7 +96,7 @@ def main(config: Config) -> None:
             "batch_size": sizes.batch_size,
             "width": sizes.width,
             "seed": config["seed"],
-            "loss": config["loss"],
+            "recipe": recipe(config),
             "parameters": sum(weight.numel() for weight in module.network.parameters()),
         }
         write_json(out / FACTS, facts)
@@ -139,7 +139,8 @@ def tracked(config: Config, chosen: Variant, training_id: str, out: Path) -> Ite
 def build_module(config: Config, sizes: Size) -> ShaftModule:
     """The network with its loss and optimiser."""
     loss, network = parse(LossSettings, config["loss"], "params.yaml: loss"), build_network(config)
-    if training_settings(config).compile:
+    settings = training_settings(config)
+    if settings.compile:
         network.compile()  # in place: the names of its weights stay as they are
     return ShaftModule(
         network=network,
@@ -148,6 +149,7 @@ def build_module(config: Config, sizes: Size) -> ShaftModule:
         learning_rate=sizes.learning_rate,
         total_steps=sizes.steps,
         warmup_steps=sizes.warmup_steps,
+        frozen_norm_share=settings.frozen_norm_share,
     )
 
 

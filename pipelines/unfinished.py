@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import yaml
 from filelock import AcquireReturnProxy, FileLock, Timeout
@@ -22,7 +23,8 @@ LAST_CHECKPOINT = "last.ckpt"
 
 # What determines a training: parts of the configuration but for what may change in between, and
 # packages. The code and the data come to it.
-_PARTS = ("seed", "camera", "poses", "loss", "size", "backbone", "trainer", "variant", "training")
+_RECIPE = ("size", "backbone", "loss", "poses", "training")
+_OTHER_PARTS = ("variant", "seed", "camera", "trainer")
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}  # of `training`
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
@@ -66,11 +68,17 @@ def scratch_folder(config: Config, with_real: bool) -> Path:
     return SCRATCH / "training" / fingerprint(config, with_real)
 
 
+def recipe(config: Config) -> dict[str, Any]:
+    """The settings in which trainings that are compared must agree: not variant, nor seed."""
+    parts = {part: config[part] for part in _RECIPE}
+    parts["training"] = {k: v for k, v in config["training"].items() if k not in _FREE}
+    return parts
+
+
 def fingerprint(config: Config, with_real: bool) -> str:
     """Hexadecimal digest of all that determines a training: settings, code, packages and the bytes
     of the data, those of the real images if they are trained on."""
-    parts = {part: config[part] for part in _PARTS}
-    parts["training"] = {k: v for k, v in config["training"].items() if k not in _FREE}
+    parts = recipe(config) | {part: config[part] for part in _OTHER_PARTS}
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())

@@ -350,6 +350,7 @@ class TrainingSettings:
     on_damaged: Literal["stop", "skip"]
     gradient_clip: Positive | None
     ema_decay: Annotated[float, Field(gt=0, lt=1)] | None
+    frozen_norm_share: Fraction
     compile: bool
     augmentation: Augmentation
 

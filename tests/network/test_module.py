@@ -2,11 +2,12 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from lightning import Callback, Trainer
+from lightning import Callback, LightningModule, Trainer
 from torch.utils.data import DataLoader, Dataset
 
 from shaftpose.batches import Batch, Targets
@@ -59,6 +60,33 @@ def trainer(tmp_path: Path) -> Trainer:
         accelerator="cpu", max_steps=2, default_root_dir=tmp_path, logger=False,
         enable_checkpointing=False, enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
+
+
+def test_norm_is_frozen_in_the_last_steps(module: ShaftModule, trainer: Trainer) -> None:
+    """Of two steps the first one moves the statistics; the weights move in both."""
+    after_each: list[dict[str, torch.Tensor]] = []
+
+    class Keep(Callback):
+        def on_train_batch_end(self, trainer: Trainer, pl_module: LightningModule, *_: Any) -> None:
+            state = pl_module.state_dict()
+            after_each.append({name: value.clone() for name, value in state.items()})
+
+    before = {name: value.clone() for name, value in module.state_dict().items()}
+    module.total_steps, module.frozen_norm_from = 2, 1
+    trainer.callbacks.append(Keep())  # type: ignore[attr-defined]
+    trainer.fit(module, loader(2))
+    means = [name for name in before if name.endswith("running_mean")]
+    first, second = after_each
+    assert not any(torch.equal(before[name], first[name]) for name in means)
+    assert all(torch.equal(first[name], second[name]) for name in means)
+    weight = next(name for name in before if name.endswith("conv.weight"))
+    assert not torch.equal(first[weight], second[weight])
+
+
+def test_share_of_steps_with_frozen_norm(tiny_network: ShaftNetwork) -> None:
+    loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
+    module = ShaftModule(tiny_network, loss, IDENTITY, 1e-3, 20, 4, frozen_norm_share=0.3)
+    assert module.frozen_norm_from == 14
 
 
 @pytest.mark.parametrize(

@@ -41,9 +41,9 @@ WITHOUT_EFFECT = {
     "evaluate_real": {"poses", "scene", "render.jpeg_quality", "render.device", "size.samples"},
     "validate": {"render.device"},  # images are valid whatever has rendered them
 }
-# Not read for results: MLflow shows most of the configuration of a training, and the name of its
-# scratch folder depends on it.
-TRACKED = {"logged_parameters", "fingerprint"}
+# Not read for results: MLflow and training.json show most of the configuration of a training, and
+# the name of its scratch folder depends on it.
+TRACKED = {"logged_parameters", "fingerprint", "recipe"}
 # What an interrupted render or training left, named after all that determines it.
 SCRATCH = "data/scratch"
 

@@ -52,7 +52,7 @@ def test_other_loss_weights_train_anew(config: Config, tmp_path: Path) -> None:
     first = run_stage(config)
     config["loss"]["alpha"] = 0.25
     second = run_stage(config)
-    assert second["loss"] == config["loss"] != first["loss"]
+    assert second["recipe"]["loss"] == config["loss"] != first["recipe"]["loss"]
     assert second["fingerprint"] != first["fingerprint"]
     assert second["training_id"] != first["training_id"]
 

@@ -1,9 +1,12 @@
-"""The two pieces that the backbone and the heads share: width scaling and Conv-BN-ReLU."""
+"""What the backbone and the heads share: width scaling, Conv-BN-ReLU and its statistics."""
 
 import torch
 from torch import Tensor, nn
 
 Size = int | tuple[int, int]
+
+# Running statistics average some 100 batches: PyTorch's 0.1 averages 10, too few if small.
+_STATISTICS_MOMENTUM = 0.01
 
 
 def scale_channels(channels: int, width: float) -> int:
@@ -21,7 +24,7 @@ class ConvBNReLU(nn.Module):
     ) -> None:
         super().__init__()
         self.conv = nn.Conv2d(in_channels, channels, kernel, stride, padding, bias=False)
-        self.norm = nn.BatchNorm2d(channels, eps=1e-3)
+        self.norm = nn.BatchNorm2d(channels, eps=1e-3, momentum=_STATISTICS_MOMENTUM)
         self.activation = nn.ReLU(inplace=True)
         self.channels = channels
 
@@ -32,6 +35,13 @@ class ConvBNReLU(nn.Module):
             # A concatenation hands back slices of its gradient, on which ReLU's is slow on a CPU.
             result.register_hook(_packed)
         return result
+
+
+def freeze_statistics(network: nn.Module) -> None:
+    """Let batch normalisation use its running statistics, and leave them as they are."""
+    for module in network.modules():
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):  # SyncBatchNorm, too
+            module.eval()
 
 
 def _packed(gradient: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from shaftpose.errors import InputError
 from shaftpose.network import ranks
 from shaftpose.network.decoding import decode
 from shaftpose.network.heads import HeadOutputs
+from shaftpose.network.layers import freeze_statistics
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
@@ -20,7 +21,9 @@ from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 class ShaftModule(LightningModule):
     """Trains a `ShaftNetwork` with Adam: linear warm-up, then polynomial decay, by steps.
 
-    `identity` (variant, width) says which network the weights in a checkpoint belong to.
+    `identity` (variant, width) says which network the weights in a checkpoint belong to. In the
+    last steps, a share `frozen_norm_share` of all, batch normalisation works as it does in the
+    finished network.
     """
 
     def __init__(
@@ -32,6 +35,7 @@ class ShaftModule(LightningModule):
         total_steps: int,
         warmup_steps: int,
         decay_power: float = 2.0,
+        frozen_norm_share: float = 0.0,
     ) -> None:
         super().__init__()
         # torch's type hints for `Module.to` leave this argument out.
@@ -42,6 +46,12 @@ class ShaftModule(LightningModule):
         self.total_steps = total_steps
         self.warmup_steps = warmup_steps
         self.decay_power = decay_power
+        self.frozen_norm_from = round(total_steps * (1 - frozen_norm_share))
+
+    def on_train_batch_start(self, batch: Batch, batch_index: int) -> None:
+        """Freeze the statistics of batch normalisation when it is time."""
+        if self.global_step >= self.frozen_norm_from:
+            freeze_statistics(self.network)
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
         """The scalar loss of a batch. If it is no longer a number, the batch is written to the
