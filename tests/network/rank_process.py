@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import torch
 from lightning import Callback, Trainer
-from torch import nn
 
 from shaftpose.dataset.training_data import Images, LabelledImage, TrainingData, TrainingStream
 from shaftpose.instruments import Annotations
@@ -58,11 +57,11 @@ def build_module() -> ShaftModule:
     torch.manual_seed(0)
     coder = RegressionCoder(tuple(LOW), tuple(HIGH))
     network = ShaftNetwork(InceptionV4Features(0.04), ArchitectureD, coder)
-    for layer in network.modules():
-        if isinstance(layer, nn.BatchNorm2d):
-            layer.eval()
     loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
-    return ShaftModule(network, loss, {}, learning_rate=1e-3, total_steps=STEPS, warmup_steps=0)
+    return ShaftModule(
+        network, loss, {}, learning_rate=1e-3, total_steps=STEPS, warmup_steps=0,
+        frozen_norm_share=1.0,
+    )  # fmt: skip
 
 
 def train(ranks: int, folder: Path) -> dict[str, Any]:

@@ -83,6 +83,12 @@ def test_norm_is_frozen_in_the_last_steps(module: ShaftModule, trainer: Trainer)
     assert not torch.equal(first[weight], second[weight])
 
 
+def test_weights_have_their_channels_last_in_memory(module: ShaftModule) -> None:
+    weights = [weight for weight in module.network.parameters() if weight.ndim == 4]
+    assert all(weight.is_contiguous(memory_format=torch.channels_last) for weight in weights)
+    assert any(not weight.is_contiguous() for weight in weights)  # or that would say nothing
+
+
 def test_share_of_steps_with_frozen_norm(tiny_network: ShaftNetwork) -> None:
     loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
     module = ShaftModule(tiny_network, loss, IDENTITY, 1e-3, 20, 4, frozen_norm_share=0.3)

@@ -1,0 +1,100 @@
+"""The stage `train` as users run it: its script, in processes of its own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import mlflow
+import pytest
+import torch
+from torch import nn
+
+from shaftpose.dataset.split import read_keys
+from shaftpose.shards import shard_paths
+from tests.pipeline.conftest import ROOT
+from tests.pipeline.small_data import write_training_data
+from tests.pipeline.test_configs import composed
+
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+import settings  # noqa: E402
+import train  # noqa: E402
+
+SIZES = (
+    "profile=smoke", "profiles.smoke.width=0.04", "profiles.smoke.steps=2",
+    "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=4", "training.loader_workers=0",
+)  # fmt: skip
+CPU = ("trainer=cpu",)
+# torch has no batch normalisation over several processes of a CPU.
+TWO_PROCESSES = (
+    "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "trainer.sync_batchnorm=false",
+)  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder in which the stage runs."""
+    write_training_data(tmp_path)
+    return tmp_path
+
+
+def run_stage(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    environment.pop("MLFLOW_TRACKING_URI", None)
+    return subprocess.run(
+        [sys.executable, str(ROOT / "pipelines/train.py"), "out=models/d", *SIZES, *overrides],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+
+
+def facts(folder: Path) -> dict[str, Any]:
+    noted: dict[str, Any] = json.loads((folder / "models/d/training.json").read_text())
+    return noted
+
+
+def damage(folder: Path, key: str) -> None:
+    """Overwrite the JPEG of an image in its shard."""
+    for path in shard_paths(folder / "data/render/images"):
+        content = path.read_bytes()
+        name = content.find(f"{key}.rgb.jpg".encode())
+        if name >= 0:  # tar: a header of 512 bytes, then the file
+            path.write_bytes(content[: name + 512] + bytes(256) + content[name + 768 :])
+            return
+    raise AssertionError(f"{key} is in no shard")
+
+
+def test_two_processes_share_a_training(folder: Path) -> None:
+    done = run_stage(folder, *TWO_PROCESSES, "training.ema_decay=0.5", "training.max_hours=1",
+                     "training.checkpoint_minutes=0")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert facts(folder)["steps"] == 2
+    checkpoint = torch.load(folder / "models/d/model.ckpt", weights_only=True)
+    assert all(torch.isfinite(value).all() for value in checkpoint["state_dict"].values())
+    assert "validation/mAP" in (folder / "models/d/curves.csv").read_text()
+    mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
+    (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    assert run.info.status == "FINISHED"
+
+
+def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(folder: Path) -> None:
+    key = read_keys(folder / "data/split", "train")[0]
+    damage(folder, key)
+    stopped = run_stage(folder, *CPU)
+    assert stopped.returncode == 1
+    assert key in stopped.stderr.splitlines()[-1]
+    assert not (folder / "models/d/model.ckpt").exists()
+    passed_over = run_stage(folder, *CPU, "training.on_damaged=skip")
+    assert passed_over.returncode == 0, passed_over.stderr
+    assert facts(folder)["skipped_images"] == 1
+
+
+def test_the_network_is_compiled_if_the_settings_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[nn.Module] = []
+    monkeypatch.setattr(nn.Module, "compile", lambda network: compiled.append(network))
+    for wanted in ("false", "true"):
+        config = composed(*SIZES, f"training.compile={wanted}")
+        module = train.build_module(config, settings.size(config))
+    assert compiled == [module.network]
