@@ -5,9 +5,6 @@ from torch import Tensor, nn
 
 Size = int | tuple[int, int]
 
-# Running statistics average some 100 batches: PyTorch's 0.1 averages 10, too few if small.
-_STATISTICS_MOMENTUM = 0.01
-
 
 def scale_channels(channels: int, width: float) -> int:
     """`channels` x `width`, rounded to a multiple of 4, at least 4; unchanged at width 1.0."""
@@ -24,7 +21,7 @@ class ConvBNReLU(nn.Module):
     ) -> None:
         super().__init__()
         self.conv = nn.Conv2d(in_channels, channels, kernel, stride, padding, bias=False)
-        self.norm = nn.BatchNorm2d(channels, eps=1e-3, momentum=_STATISTICS_MOMENTUM)
+        self.norm = nn.BatchNorm2d(channels, eps=1e-3)
         self.activation = nn.ReLU(inplace=True)
         self.channels = channels
 
