@@ -52,8 +52,8 @@ BATCHES = {"cpu": (8,), "cuda": (32, 64, 128, 256, 512)}
 STEPS = {"cpu": 10, "cuda": 300}
 ROUNDS, WARM_UP = 5, 3
 LOOP_AIM = {
-    "cpu": Aim("training loop as fast as its step alone", least=0.9),
-    "cuda": Aim("training loop as fast as its step alone", least=0.85),
+    device: Aim("training loop as fast as its step alone", least=share)
+    for device, share in (("cpu", 0.9), ("cuda", 0.85))
 }
 MATCHING_AIM = Aim("matching and mining, share of a step", below=0.05)
 
