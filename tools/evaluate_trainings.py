@@ -21,6 +21,7 @@ from shaftpose.dataset.coco import read_coco  # noqa: E402
 from shaftpose.dataset.split import read_keys  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
+from shaftpose.evaluation.common_instruments import FoundInstruments  # noqa: E402
 from shaftpose.evaluation.training_record import (  # noqa: E402
     TrainingRecord,
     read_recipe,
@@ -80,8 +81,9 @@ def record(folder: Path) -> Path:
     result = read_json(folder / "evaluation.json", "evaluate")
     row = variant_row(variant, result, len(read_coco(Path("data/real/train.json"))))
     binned, curves = from_plain(result["binned_errors"]), validation_curves(result["curves"])
+    found = FoundInstruments(**result["found"])
     path = RECORDS / f"{variant}-{training['training_id'][:8]}.json"
-    write_json(path, TrainingRecord(row, recipe, binned, curves).as_plain())
+    write_json(path, TrainingRecord(row, recipe, binned, found, curves).as_plain())
     return path
 
 

@@ -10,6 +10,7 @@ import pytest
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
 from shaftpose.evaluation.binned_errors import EDGES, ErrorBin
+from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.evaluation.paper_order import Change, changes
 from shaftpose.evaluation.repeated_trainings import repeated_figures
 from shaftpose.evaluation.repeats import by_scale, repeated, rows_of
@@ -36,7 +37,12 @@ def test_mean_and_half_range_by_hand():
     assert whole.seeds == (7, 8, 9)
 
 
-def record(trained: VariantRow, alpha: float = 1.5) -> TrainingRecord:
+FOUND = FoundInstruments(4, [0, 2, 3], [1.0, 2.0, 6.0], [0.5, 1.5, 2.5])
+
+
+def record(
+    trained: VariantRow, alpha: float = 1.5, found: FoundInstruments = FOUND
+) -> TrainingRecord:
     bins = {name: [ErrorBin(0.0, 1.0, 2, 3.0, 4.0, 5.0, 6.0)] for name in EDGES}
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
@@ -44,7 +50,7 @@ def record(trained: VariantRow, alpha: float = 1.5) -> TrainingRecord:
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
     }
-    return TrainingRecord(trained, recipe, bins, validation_curves(curves))
+    return TrainingRecord(trained, recipe, bins, found, validation_curves(curves))
 
 
 def test_only_trainings_of_one_scale_and_variant_are_put_together():
@@ -134,6 +140,28 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
         "beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
     )
     assert "±" not in page()
+
+
+def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
+    less = FoundInstruments(4, [3, 2], [4.0, 5.0], [1.0, 3.0])
+    trainings = [record(row(7)), record(row(8), found=less), record(row(7, "c"), found=less)]
+    text = page(*trainings)
+    # Both found 2 and 3: with seed 7 tips are off by 2 and 6 mm, with seed 8 by 5 and 4 mm.
+    assert "2 of 4 that every one of these trainings found" in text
+    assert "| D | 2.00 ± 0.00 | 4.25 ± 0.25 |\n| C | 2.00 | 4.50 |" in text
+
+
+def test_instruments_are_not_compared_between_test_sets():
+    other = FoundInstruments(5, [0], [1.0], [0.5])
+    with pytest.raises(InputError, match="test sets of 4 and 5 instruments"):
+        page(record(row(7)), record(row(8), found=other))
+
+
+def test_trainings_that_share_no_instrument_have_no_errors_to_compare():
+    nothing = FoundInstruments(4, [], [], [])
+    text = page(record(row(7)), record(row(8), found=nothing))
+    assert "0 of 4 that every one" in text
+    assert "| D | n/a | n/a |" in text
 
 
 def test_the_page_says_that_a_training_was_ended_before_its_last_step():

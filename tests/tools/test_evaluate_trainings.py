@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import torch
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
+from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.pose_errors import errors_between
 from tests.pipeline.small_data import write_real
 
@@ -21,6 +23,7 @@ import results_page  # noqa: E402
 
 POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
 BINNED = binned_errors(errors_between(POSES + 1, POSES), np.ones(1))
+FOUND = found_instruments(errors_between(POSES + 1, POSES), 3)
 TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "seed": 7, "parameters": 1000,
@@ -38,6 +41,7 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
     evaluation = {
         "title": "D + noise + real", "real_share": 0.2, "training": training,
         "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
+        "found": asdict(FOUND),
         "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
     }  # fmt: skip
     (trained / "evaluation.json").write_text(json.dumps(evaluation))
@@ -53,6 +57,7 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
     assert record.recipe == TRAINING["recipe"]
     assert record.binned_errors == BINNED
+    assert record.found == FOUND
     assert record.curves == [(9, "validation/mAP", 0.25)]
 
 

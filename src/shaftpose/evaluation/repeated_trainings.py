@@ -1,12 +1,14 @@
 """The part of the page of results on repeated trainings: tables, verdicts and pictures."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from matplotlib.figure import Figure
 
 from shaftpose.evaluation import paper_order, report_tables
 from shaftpose.evaluation.ablation import VariantRow, variant_title
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
+from shaftpose.evaluation.common_instruments import common_instruments, means_on
 from shaftpose.evaluation.figures import learning_curve_figure
 from shaftpose.evaluation.repeats import Scale, by_scale, rows_of
 from shaftpose.evaluation.report import pipe_table, table_i_block
@@ -26,6 +28,13 @@ ORDER = (
     "Of B the paper says that its poses are less precise, and gives no numbers. Errors are those "
     "of the instruments that were found: a variant that finds more of them may pay for it."
 )
+COMMON = (
+    "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "
+    "trainings found."
+)
+COMMON_COLUMNS = tuple(
+    column for column in TABLE_I_METRICS if column.name in ("tip_mm", "axis_deg")
+)
 DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
 HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
 
@@ -34,7 +43,7 @@ def repeated_blocks(records: Sequence[TrainingRecord], domain_label: str) -> lis
     """Blocks of Markdown for each scale of these trainings."""
     parts = [INTRO]
     for scale, alike in by_scale(records).items():
-        parts += _of_scale(scale, rows_of(alike), domain_label)
+        parts += _of_scale(scale, alike, domain_label)
     return parts
 
 
@@ -55,7 +64,8 @@ def repeated_figures(records: Sequence[TrainingRecord], domain_label: str) -> di
     return found
 
 
-def _of_scale(scale: Scale, rows: Sequence[VariantRow], domain_label: str) -> list[str]:
+def _of_scale(scale: Scale, alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
+    rows = rows_of(alike)
     compared = report_tables.beside_paper(rows, domain_label)
     seeds = ", ".join(
         f"{line.title}: {', '.join(map(str, row.seeds))}"
@@ -65,6 +75,7 @@ def _of_scale(scale: Scale, rows: Sequence[VariantRow], domain_label: str) -> li
         f"{scale.sentence()} Seeds: {seeds}.",
         table_i_block(compared),
         *_order(rows, domain_label),
+        *_common(alike, domain_label),
         f"Learning curves, one line for each training, on the validation images:\n\n"
         f"![Learning curves]({_picture('curves', scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
@@ -85,6 +96,25 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
     ]
     headings = ["Step", *(HEADINGS[metric] for metric in paper_order.METRICS)]
     return [ORDER, pipe_table(headings, lines)]
+
+
+def _common(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
+    """Errors of these trainings on the instruments that all of them found."""
+    common = common_instruments([record.found for record in alike])
+    rows = rows_of([
+        replace(record, row=replace(record.row, metrics=means_on(record.found, common)))
+        for record in alike
+    ])  # fmt: skip
+    lines = [
+        [
+            variant_title(row.variant, domain_label, row.title),
+            *report_tables.cells(row.metrics, COMMON_COLUMNS, row.spread),
+        ]
+        for row in rows
+    ]
+    headings = ["Variant", *(column.heading for column in COMMON_COLUMNS)]
+    count = COMMON.format(count=len(common), total=alike[0].found.total)
+    return [count, pipe_table(headings, lines)]
 
 
 def _cell(metric: str, change: paper_order.Change | None) -> str:

@@ -92,7 +92,7 @@ def champion_title(report: AblationReport) -> str:
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant beside the paper's row, then the constant predictor."""
     rows = beside_paper(report.rows, report.domain_label, report.champion.variant)
-    constant = ComparedRow("Constant predictor", None, _cells(report.constant, TABLE_I_COLUMNS))
+    constant = ComparedRow("Constant predictor", None, cells(report.constant, TABLE_I_COLUMNS))
     return [*rows, constant]
 
 
@@ -104,7 +104,7 @@ def beside_paper(
         ComparedRow(
             title=variant_title(row.variant, domain_label, row.title),
             paper=_paper_cells(row.variant),
-            ours=_cells(_measured(row), TABLE_I_COLUMNS, row.spread),
+            ours=cells(_measured(row), TABLE_I_COLUMNS, row.spread),
             champion=row.variant == champion,
         )
         for row in rows
@@ -120,7 +120,7 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
         ComparedRow(
             title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
             paper=_paper_silhouette_cells(variant, paper_domain),
-            ours=_cells(_by_set(sets, domain), TABLE_II_COLUMNS),
+            ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
             domain=domain,
             paper_domain=paper_word,
             champion=variant == report.champion.variant,
@@ -207,15 +207,16 @@ def _measured(row: VariantRow) -> dict[str, float | int | None]:
     return {**row.metrics, "training_images": row.training_images, "steps": row.steps}
 
 
-def _cells(
+def cells(
     values: MetricValues, columns: tuple[Column, ...], spread: MetricValues | None = None
 ) -> list[str]:
-    cells = [show(values.get(column.name), column.decimals) for column in columns]
+    """The values of these columns, with `±` the spread of each that has one."""
+    shown = [show(values.get(column.name), column.decimals) for column in columns]
     if not spread:
-        return cells
+        return shown
     return [
         f"{cell} ± {show(spread[column.name], column.decimals)}" if column.name in spread else cell
-        for cell, column in zip(cells, columns, strict=True)
+        for cell, column in zip(shown, columns, strict=True)
     ]
 
 
@@ -223,13 +224,13 @@ def _paper_cells(variant: str) -> list[str] | None:
     if variant not in paper_tables.TABLE_I:
         return None
     values = asdict(paper_tables.TABLE_I[variant])
-    return _cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, TABLE_I_COLUMNS)
+    return cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, TABLE_I_COLUMNS)
 
 
 def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:
     sets = {name: asdict(pair) for name, pair in paper_tables.TABLE_II.get(variant, {}).items()}
     values = _by_set(sets, domain)
-    return _cells(values, TABLE_II_COLUMNS) if values else None
+    return cells(values, TABLE_II_COLUMNS) if values else None
 
 
 def _by_set(sets: Mapping[str, MetricValues], domain: str) -> dict[str, float | int | None]:

@@ -1,4 +1,4 @@
-"""What is kept of one training: its line of Table I, where its errors are, and its curves."""
+"""What is kept of one training: its line of Table I, its errors, and its curves."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -7,6 +7,7 @@ from typing import Any
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.binned_errors import ErrorBin, as_plain, from_plain
+from shaftpose.evaluation.common_instruments import FoundInstruments
 
 # What learning looked like, in the order of a figure's panels.
 CURVES = tuple(
@@ -26,6 +27,7 @@ class TrainingRecord:
     row: VariantRow
     recipe: Mapping[str, Any]
     binned_errors: Mapping[str, Sequence[ErrorBin]]
+    found: FoundInstruments
     curves: Sequence[tuple[int, str, float]]
 
     def as_plain(self) -> dict[str, Any]:
@@ -34,6 +36,7 @@ class TrainingRecord:
             "row": asdict(self.row),
             "recipe": self.recipe,
             "binned_errors": as_plain(self.binned_errors),
+            "found": asdict(self.found),
             "curves": [list(line) for line in self.curves],
         }
 
@@ -54,6 +57,7 @@ def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
         row=read_row(content["row"]),
         recipe=read_recipe(content, file),
         binned_errors=from_plain(content["binned_errors"]),
+        found=FoundInstruments(**content["found"]),
         curves=validation_curves(content["curves"]),
     )
 

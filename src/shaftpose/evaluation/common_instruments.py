@@ -1,0 +1,62 @@
+"""Pose errors of several trainings on the same instruments: those that all of them found.
+
+A mean error is of the instruments that a network found. One that finds few of them, the easy ones,
+looks the more precise for it; on the instruments that all found, none has that advantage.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shaftpose.errors import InputError
+from shaftpose.evaluation.pose_errors import PoseErrors
+
+DECIMALS = 3  # of the errors that are kept: far below what a network or a robot resolves
+
+
+@dataclass(frozen=True)
+class FoundInstruments:
+    """Which of the `total` instruments of a test set a training found, and their errors.
+
+    Three lists of one length: `instruments` are numbers, counted through the set; `tip_mm` is the
+    distance between the tips, `axis_deg` the angle between the axes.
+    """
+
+    total: int
+    instruments: Sequence[int]
+    tip_mm: Sequence[float]
+    axis_deg: Sequence[float]
+
+
+def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
+    """What is kept of pose errors on a test set of `total` instruments, as plain numbers."""
+    return FoundInstruments(
+        total,
+        errors.instruments.tolist(),
+        errors.tip_mm.round(DECIMALS).tolist(),
+        errors.axis_deg.round(DECIMALS).tolist(),
+    )
+
+
+def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:
+    """The instruments that every one of these trainings found.
+
+    Raises InputError if they were evaluated on different test sets.
+    """
+    totals = sorted({found.total for found in trainings})
+    if len(totals) > 1:
+        raise InputError(
+            "reports/trainings: trainings of one scale were evaluated on test sets of "
+            f"{' and '.join(map(str, totals))} instruments; evaluate them on the same images"
+        )
+    return set.intersection(*(set(found.instruments) for found in trainings))
+
+
+def means_on(found: FoundInstruments, instruments: set[int]) -> dict[str, float | None]:
+    """Mean errors of one training on these of its instruments; None if there are none."""
+    chosen = [n for n, instrument in enumerate(found.instruments) if instrument in instruments]
+    return {
+        name: float(np.mean([values[n] for n in chosen])) if chosen else None
+        for name, values in (("tip_mm", found.tip_mm), ("axis_deg", found.axis_deg))
+    }
