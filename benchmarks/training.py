@@ -31,7 +31,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "pipelines")]
 from networks import variant  # noqa: E402
 from settings import size  # noqa: E402
 from stage import Config  # noqa: E402
-from train import build_module, build_trainer, training_data  # noqa: E402
+from train import build_module, build_trainer, training_data, with_precision  # noqa: E402
 
 from benchmarks.aims import Aim  # noqa: E402
 from benchmarks.machine import machine  # noqa: E402
@@ -101,17 +101,16 @@ def main() -> None:
     print(f"written to {OUT[device].relative_to(ROOT)}")
 
 
-def timed_profile(
-    profile: str, device: str, steps: int, rounds: int
-) -> tuple[str, dict[str, float | list[dict[str, float]]]]:
-    """The profile's width and its speeds: those at the first batch size, and each that was tried.
+def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[str, dict[str, Any]]:
+    """The profile's width and its precision and speeds: those at the first batch size, and each
+    that was tried.
 
     The fastest batch size is the one with the most `loop_images_per_s`.
     """
     config = composed(profile)
-    speeds = []
+    own, speeds = size(config), []
     for batch_size in BATCHES[device]:
-        sizes = replace(size(config), batch_size=batch_size, steps=WARM_UP + steps)
+        sizes = replace(own, batch_size=batch_size, steps=WARM_UP + steps)
         try:
             speeds.append(timed(config, sizes, torch.device(device), rounds))
         except torch.OutOfMemoryError:
@@ -122,9 +121,8 @@ def timed_profile(
     if not speeds:
         raise InputError(f"{profile}: a batch of {BATCHES[device][0]} does not fit on the {device}")
     best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
-    return f"{size(config).width:g}", {**speeds[0], "best_batch_size": best["batch_size"]} | {
-        "batches": speeds
-    }
+    result = {"precision": own.precision, **speeds[0]}
+    return f"{own.width:g}", result | {"best_batch_size": best["batch_size"], "batches": speeds}
 
 
 def verdicts(widths: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[str, Any]]:
@@ -150,7 +148,7 @@ def composed(profile: str) -> Config:
         content = compose("config", [*overrides, f"profile={profile}"])
     config = OmegaConf.to_container(content, resolve=True)
     assert isinstance(config, dict)
-    return {str(key): value for key, value in config.items()}
+    return with_precision({str(key): value for key, value in config.items()})
 
 
 def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dict[str, float]:

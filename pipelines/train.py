@@ -43,6 +43,7 @@ from shaftpose.network.curves import Curves
 from shaftpose.network.last_checkpoint import LastCheckpoint
 from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
+from shaftpose.network.precision import native_precision
 from shaftpose.shards import ShardedDataset
 
 logger = logging.getLogger(__name__)
@@ -63,6 +64,7 @@ def main(config: Config) -> None:
     A training that was interrupted goes on where it was; one whose result is in `out` is not
     repeated. In a distributed training all processes run this, and the first one keeps the records.
     """
+    config = with_precision(config)
     chosen, sizes, out = variant(config), size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
@@ -101,6 +103,14 @@ def main(config: Config) -> None:
         }
         write_json(out / FACTS, facts)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def with_precision(config: Config) -> Config:
+    """The configuration with the device's own precision in the place of `auto`."""
+    if config["size"]["precision"] != "auto":
+        return config
+    precision = native_precision(config["trainer"]["accelerator"])
+    return {**config, "size": {**config["size"], "precision": precision}}
 
 
 def is_finished(out: Path, fingerprint: str) -> bool:
@@ -200,6 +210,7 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
     folder: for checkpoints to go on from.
     """
     settings = training_settings(config)
+    assert sizes.precision != "auto"  # see `with_precision`
     callbacks: list[Callback] = [
         TQDMProgressBar(refresh_rate=20),
         LearningRateMonitor("step"),

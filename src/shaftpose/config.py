@@ -290,7 +290,7 @@ class Size:
     warmup_steps: Count
     validate_every: PositiveInt
     learning_rate: Positive
-    precision: Literal["32-true", "bf16-mixed", "16-mixed"]
+    precision: Literal["auto", "32-true", "bf16-mixed", "16-mixed"]
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -46,10 +46,13 @@ def record(
     bins = {name: [ErrorBin(0.0, 1.0, 2, 3.0, 4.0, 5.0, 6.0)] for name in EDGES}
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
-        "size": {"steps": 3000, "batch_size": 16, "width": 0.25, "learning_rate": 2e-3},
+        "size": {
+            "steps": 3000, "batch_size": 16, "width": 0.25, "precision": "32-true",
+            "learning_rate": 2e-3,
+        },
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
-    }
+    }  # fmt: skip
     return TrainingRecord(trained, recipe, bins, found, validation_curves(curves))
 
 
@@ -135,9 +138,9 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
     text = page(record(row(8, mAP=0.7)), record(row(9, mAP=0.9)))
     assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.800 ± 0.100 |" in text
     assert (
-        "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, learning "
-        "rate 0.002, batch normalisation frozen in the last 30%; loss weights alpha 1.5, gamma 5, "
-        "beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
+        "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, "
+        "precision 32-true, learning rate 0.002, batch normalisation frozen in the last 30%; loss "
+        "weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
     )
     assert "±" not in page()
 

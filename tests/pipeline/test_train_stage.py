@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from shaftpose.dataset.split import read_keys
+from shaftpose.network.precision import native_precision
 from shaftpose.shards import shard_paths
 from tests.pipeline.conftest import ROOT
 from tests.pipeline.small_data import write_training_data
@@ -77,6 +78,13 @@ def test_two_processes_share_a_training(folder: Path) -> None:
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
     assert run.info.status == "FINISHED"
+
+
+def test_the_precision_of_the_device_is_noted(folder: Path) -> None:
+    done = run_stage(folder, *CPU, "profiles.smoke.precision=auto")
+    assert done.returncode == 0, done.stderr
+    noted = facts(folder)["recipe"]["size"]["precision"]
+    assert noted == native_precision("cpu")
 
 
 def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(folder: Path) -> None:

@@ -34,9 +34,10 @@ class Scale(NamedTuple):
         return (
             f"{self.training_images:,} training images, {self.test_images:,} test images; "
             f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
-            f"{size['width']:g}, learning rate {size['learning_rate']:g}, batch normalisation "
-            f"frozen in the last {training['frozen_norm_share']:.0%}; loss weights alpha "
-            f"{loss['alpha']:g}, gamma {loss['gamma']:g}, "
+            f"{size['width']:g}, precision {size['precision']}, learning rate "
+            f"{size['learning_rate']:g}, batch normalisation frozen in the last "
+            f"{training['frozen_norm_share']:.0%}; loss weights alpha {loss['alpha']:g}, gamma "
+            f"{loss['gamma']:g}, "
             f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."
         )
 
