@@ -13,7 +13,7 @@ from shaftpose.network.shaft_network import ShaftNetwork
 
 
 def variant(config: Config) -> Variant:
-    """What distinguishes the chosen variant, checked."""
+    """What distinguishes the chosen variant. Raises InputError if its file is wrong."""
     file = config["variant_file"]
     chosen = parse_variant(config["variant"], file)
     if chosen.name != file:
@@ -40,7 +40,7 @@ def build_network(config: Config) -> ShaftNetwork:
 
 
 def trained_network(config: Config, checkpoint: Path) -> ShaftNetwork:
-    """The network with the weights of a checkpoint."""
+    """The network with the weights of a checkpoint. Raises InputError if it does not hold them."""
     network = build_network(config)
     load_network_weights(checkpoint, network, identity(config))
     return network.eval()

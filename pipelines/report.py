@@ -66,6 +66,7 @@ def main(config: Config) -> None:
         },
         domain_label=domain,
         champion=champion,
+        profile=config["profile"],
         figures=draw_figures(results, rows, constant, domain, out),
     )
     write_report(report, out)

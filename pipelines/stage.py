@@ -1,16 +1,21 @@
 """What all stage scripts share: Hydra in front, one-line errors behind."""
 
 import functools
+import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from settings import Config, check
 
 from shaftpose.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 __all__ = ["SCRATCH", "Config", "stage"]
 
@@ -21,7 +26,8 @@ SCRATCH = Path("data/scratch")
 def stage(function: Callable[[Config], None]) -> Callable[[], None]:
     """Make a function of the composed configuration the main function of its script.
 
-    What the user can mend ends the script with one line and status 1, without a traceback.
+    What the user can mend ends the script with one line and status 1, without a traceback. A job of
+    a sweep says it and fails alone: Hydra goes on with the others, and ends with status 1.
     """
 
     @functools.wraps(function)
@@ -31,11 +37,14 @@ def stage(function: Callable[[Config], None]) -> Callable[[], None]:
             check(config)
             function(config)
         except InputError as error:
+            if HydraConfig.get().mode is RunMode.MULTIRUN:
+                logger.error("error: %s", last_line(error))
+                raise
             sys.exit(f"error: {last_line(error)}")
         except KeyboardInterrupt:
             sys.exit(
-                "interrupted; run it again, a sweep with hydra.sweep.dir=FOLDER, its folder: "
-                "it goes on from finished shards, or the last checkpoint"
+                "interrupted; the same command goes on from finished shards or the last "
+                "checkpoint, that of a sweep if hydra.sweep.dir=FOLDER names its folder"
             )
 
     main: Callable[[], None] = hydra.main(

@@ -22,7 +22,7 @@ from networks import build_network, identity, variant
 from results import read_training, write_json
 from settings import size
 from stage import Config, stage
-from unfinished import LAST_CHECKPOINT, kept, recipe, scratch_folder
+from unfinished import LAST_CHECKPOINT, kept, recipe, scratch_folder, settings_of
 from validation import ValidationMetrics
 
 from shaftpose import tracking
@@ -204,8 +204,8 @@ def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
 
 
 def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> Trainer:
-    """One pass over the stream, validated every so many steps and after the last, be it the last
-    of all or of the time.
+    """One pass over the stream, validated every so many steps and after the last one, also when
+    `max_hours` ends it.
 
     folder: for checkpoints to go on from.
     """
@@ -220,7 +220,7 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
         EndAtOnce(),
     ]
     if settings.ema_decay is not None:
-        callbacks.append(EMAWeightAveraging(decay=settings.ema_decay))
+        callbacks.append(EMAWeightAveraging(use_buffers=False, decay=settings.ema_decay))
     return Trainer(
         **config["trainer"],
         precision=sizes.precision,
@@ -264,9 +264,10 @@ class EndAtOnce(Callback):
 
 
 def logged_parameters(config: Config) -> dict[str, Any]:
-    """What of the configuration determines a training."""
-    parts = ("profile", "seed", "size", "variant", "loss", "training", "poses", "split")
-    return {part: config[part] for part in parts} | {"torch": torch.__version__}
+    """What MLflow shows of a training: what determines it, and where its settings come from."""
+    images = len(read_keys(Path("data/split"), "train"))
+    origin = {"profile": config["profile"], "training_images": images, "torch": torch.__version__}
+    return settings_of(config) | origin
 
 
 if __name__ == "__main__":

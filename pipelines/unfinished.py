@@ -21,8 +21,8 @@ from shaftpose.shards import shard_paths
 
 LAST_CHECKPOINT = "last.ckpt"
 
-# What determines a training: parts of the configuration but for what may change in between, and
-# packages. The code and the data come to it.
+# What determines a training, besides code and data: parts of the configuration, less what may
+# change in between, and packages. Trainings that are compared must agree in the first ones.
 _RECIPE = ("size", "backbone", "loss", "poses", "training")
 _OTHER_PARTS = ("variant", "seed", "camera", "trainer")
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}  # of `training`
@@ -75,11 +75,15 @@ def recipe(config: Config) -> dict[str, Any]:
     return parts
 
 
+def settings_of(config: Config) -> dict[str, Any]:
+    """All settings that determine a training."""
+    return recipe(config) | {part: config[part] for part in _OTHER_PARTS}
+
+
 def fingerprint(config: Config, with_real: bool) -> str:
     """Hexadecimal digest of all that determines a training: settings, code, packages and the bytes
     of the data, those of the real images if they are trained on."""
-    parts = recipe(config) | {part: config[part] for part in _OTHER_PARTS}
-    digest = hashlib.sha256(json.dumps(parts, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(settings_of(config), sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())
     for part in ("train", "validation"):

@@ -11,7 +11,16 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE, PIPELINES = ROOT / "src" / "shaftpose", ROOT / "pipelines"
 STEPS = ("backgrounds", "rendering", "dataset", "network", "evaluation", "deployment")
-GROUND_FLOOR = ("geometry", "shards", "config", "errors", "instruments", "images", "batches")
+GROUND_FLOOR = (
+    "geometry",
+    "shards",
+    "config",
+    "errors",
+    "instruments",
+    "images",
+    "batches",
+    "nested",
+)
 # The places that may know a tool, as paths from the root that a file's path starts with.
 OWNERS = {
     "bpy": ("src/shaftpose/rendering/",),

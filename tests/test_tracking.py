@@ -8,11 +8,6 @@ from shaftpose import tracking
 from shaftpose.errors import InputError
 
 
-def test_parameters_are_flat_and_sequences_whole() -> None:
-    nested = {"loss": {"alpha": 1.5, "beta": [1, 2]}, "seed": 7}
-    assert tracking.flatten(nested) == {"loss.alpha": 1.5, "loss.beta": [1, 2], "seed": 7}
-
-
 def test_a_queued_experiment_tracks_in_the_users_own_copy() -> None:
     assert tracking.workspace(Path("/home/me/p/.dvc/tmp/exps/tmpab12")) == Path("/home/me/p")
     assert tracking.workspace(Path("/home/me/p")) == Path("/home/me/p")

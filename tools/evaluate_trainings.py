@@ -1,16 +1,14 @@
 """Evaluate trainings of a sweep and record them for docs/results.md.
 
 `python tools/evaluate_trainings.py sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
-evaluates the checkpoint in each folder, with the settings that it was trained with, and writes
-`reports/trainings/VARIANT-ID.json`.
+evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`. The
+settings are those of params.yaml but for what `--with` repeats of the training's command.
 """
 
 import argparse
 import subprocess
 import sys
 from pathlib import Path
-
-import torch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "pipelines"))
 
@@ -24,9 +22,10 @@ from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
 from shaftpose.evaluation.common_instruments import FoundInstruments  # noqa: E402
 from shaftpose.evaluation.training_record import (  # noqa: E402
     TrainingRecord,
-    read_recipe,
+    part_of,
     validation_curves,
 )
+from shaftpose.network.checkpoint import identity_of  # noqa: E402
 
 RECORDS = Path("reports/trainings")
 
@@ -39,24 +38,21 @@ def main() -> None:
     arguments = parser.parse_args()
     try:
         for folder in arguments.folders:
+            check(folder)
+        for folder in arguments.folders:
             evaluate(folder, arguments.settings)
             print(f"recorded in {record(folder)}")
     except InputError as error:
         sys.exit(f"error: {error}")
 
 
-def evaluate(folder: Path, settings: list[str]) -> None:
-    """Export the folder's checkpoint and evaluate it, results beside it."""
-    check_images(folder)
-    places = [f"variant={variant_of(folder)}", f"model_folder={folder}", f"out={folder}"]
-    for stage in ("export", "evaluate"):
-        done = subprocess.run([sys.executable, f"pipelines/{stage}.py", *places, *settings])
-        if done.returncode:
-            raise InputError(f"{folder}: {stage} failed, see above; give its settings by --with")
-
-
-def check_images(folder: Path) -> None:
-    """Raise InputError if the training was on other images than those in data/."""
+def check(folder: Path) -> None:
+    """Raise InputError unless the folder holds a finished training on the images in data/."""
+    if not (folder / "training.json").is_file():
+        raise InputError(
+            f"{folder}/training.json: missing: the training is not finished; run it, or its sweep, "
+            "again, or leave the folder out"
+        )
     trained = read_training(folder)["training_images"]
     images = len(read_keys(Path("data/split"), "train"))
     if trained != images:
@@ -66,24 +62,39 @@ def check_images(folder: Path) -> None:
         )
 
 
+def evaluate(folder: Path, settings: list[str]) -> None:
+    """Export the folder's checkpoint and evaluate it, results beside it.
+
+    Detections count from the model's own score on, whatever params.yaml says. Raises InputError if
+    a stage fails.
+    """
+    places = [f"variant={variant_of(folder)}", f"model_folder={folder}", f"out={folder}"]
+    for stage in ("export", "evaluate"):
+        script = [sys.executable, f"pipelines/{stage}.py", *places, *settings]
+        if subprocess.run([*script, "detection.confidence=null"]).returncode:
+            raise InputError(f"{folder}: {stage} failed, see above; give its settings by --with")
+
+
 def variant_of(folder: Path) -> str:
-    """The variant that the folder's checkpoint says it is."""
-    path = folder / "model.ckpt"
-    if not path.is_file():
-        raise InputError(f"{path}: missing; the folder must be that of a finished training")
-    return str(torch.load(path, weights_only=True, map_location="cpu")["identity"]["variant"])
+    """The variant that the folder's checkpoint says it is. Raises InputError if there is none."""
+    return str(identity_of(folder / "model.ckpt")["variant"])
 
 
 def record(folder: Path) -> Path:
     """Write what is kept of the training where `make results` finds it."""
-    variant, training = variant_of(folder), read_training(folder)
-    recipe = read_recipe(training, str(folder / "training.json"))
-    result = read_json(folder / "evaluation.json", "evaluate")
-    row = variant_row(variant, result, len(read_coco(Path("data/real/train.json"))))
-    binned, curves = from_plain(result["binned_errors"]), validation_curves(result["curves"])
-    found = FoundInstruments(**result["found"])
-    path = RECORDS / f"{variant}-{training['training_id'][:8]}.json"
-    write_json(path, TrainingRecord(row, recipe, binned, found, curves).as_plain())
+    training, evaluated = read_training(folder), folder / "evaluation.json"
+    result = read_json(evaluated, "evaluate")
+    variant = variant_of(folder)
+    one = TrainingRecord(
+        row=variant_row(variant, result, len(read_coco(Path("data/real/train.json")))),
+        recipe=part_of(training, "recipe", str(folder / "training.json")),
+        test_set=part_of(result, "test_set", str(evaluated)),
+        binned_errors=from_plain(result["binned_errors"]),
+        found=FoundInstruments(**result["found"]),
+        curves=validation_curves(result["curves"]),
+    )
+    path = RECORDS / f"{variant}-{training['seed']}-{training['training_id'][:8]}.json"
+    write_json(path, one.as_plain())
     return path
 
 

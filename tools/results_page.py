@@ -6,14 +6,11 @@ All of it comes from the files of results that are in the repository.
 import csv
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from shaftpose.errors import InputError
-from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
+from shaftpose.evaluation.ablation import AblationReport, Champion
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.repeated_trainings import repeated_figures
 from shaftpose.evaluation.results_page import Table, to_page
@@ -36,11 +33,8 @@ def main() -> None:
 
 def page(root: Path) -> str:
     """The page of the results below `root`."""
-    report = report_of(root)
-    profiles = yaml.safe_load((root / "conf/profiles.yaml").read_text())
     benchmarks = contents(root / "benchmarks/results")
-    profile = profile_of(report.rows, profiles)
-    return to_page(report, profile, records(root), sweeps(root), benchmarks)
+    return to_page(report_of(root), records(root), sweeps(root), benchmarks)
 
 
 def records(root: Path) -> list[TrainingRecord]:
@@ -74,24 +68,13 @@ def read_report(content: dict[str, Any]) -> AblationReport:
         silhouette=content["silhouette"],
         domain_label=content["domain_label"],
         champion=Champion(**content["champion"]),
+        profile=content["profile"],
     )
 
 
 def contents(folder: Path) -> dict[str, Any]:
     """The JSON files of a folder by name."""
     return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
-
-
-def profile_of(rows: Sequence[VariantRow], profiles: dict[str, dict[str, Any]]) -> str:
-    """The profile that has the rows' width, batch size and steps."""
-    sizes = {(row.width, row.batch_size, row.steps) for row in rows}
-    for name, profile in profiles.items():
-        if sizes == {(profile["width"], profile["batch_size"], profile["steps"])}:
-            return name
-    raise InputError(
-        f"reports/ablation.json: no profile of conf/profiles.yaml has its {sorted(sizes)} (width, "
-        "batch size, steps); run `make repro`, which brings the report up to date"
-    )
 
 
 if __name__ == "__main__":

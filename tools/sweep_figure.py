@@ -21,7 +21,7 @@ from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, 
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # What each line of the table says of a training, too, be it swept or not.
-BUDGET = ("variant.name", "size.images", "size.steps", "size.batch_size", "size.width")
+BUDGET = ("variant.name", "training_images", "size.steps", "size.batch_size", "size.width")
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from mlflow.entities import Run, RunStatus  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.nested import flatten  # noqa: E402
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import MLFlowLogger
@@ -253,17 +254,6 @@ def _find_run(training_id: str) -> str | None:
         filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'", output_format="list"
     )
     return str(found[0].info.run_id) if found else None
-
-
-def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """{"loss": {"alpha": 1}} -> {"loss.alpha": 1}; sequences stay whole."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
 
 
 def dataset_identity(lock: Path) -> dict[str, str]:

@@ -38,7 +38,9 @@ def report(tmp_path: Path) -> AblationReport:
     rows = [row("c"), row("d"), row("d_noise"), row("d_noise_real"), row("mine", "D <wide> | deep")]
     constant = {"mAP": 0.001, "x_mm": 10.17}
     champion = Champion("d_noise", RULE)
-    return AblationReport(rows, constant, silhouette, "stand-in", champion, {"Curves": path})
+    return AblationReport(
+        rows, constant, silhouette, "stand-in", champion, "demo", {"Curves": path}
+    )
 
 
 def markdown_line(text: str, start: str) -> list[str]:

@@ -74,11 +74,16 @@ def test_decode_by_hand(pose_coder: RegressionCoder) -> None:
 
 
 def test_top_k_and_keep_limit_the_detections(pose_coder: RegressionCoder) -> None:
-    outputs = outputs_for([1.0, 3.0, 2.0])
-    best = decode(outputs, DEFAULTS, pose_coder, top_k=3, keep=1)
-    assert best.scores.shape == (1, 1) and best.poses[0, 0, 0] == 10
-    # The box that suppresses nothing within the top 1 is alone: its rivals are no candidates.
-    assert decode(outputs, DEFAULTS, pose_coder, top_k=1, keep=1).poses[0, 0, 0] == 10
+    # By score: box 0, then 2, which 0 suppresses, then 1.
+    outputs = outputs_for([3.0, 1.0, 2.0])
+    first, second = torch.tensor([3.0, 1.0]).sigmoid().tolist()
+
+    def scores(top_k: int, keep: int) -> list[float]:
+        return decode(outputs, DEFAULTS, pose_coder, top_k=top_k, keep=keep).scores[0].tolist()
+
+    assert scores(top_k=3, keep=2) == pytest.approx([first, second])
+    assert scores(top_k=2, keep=2) == pytest.approx([first, 0.0])  # 1 is no candidate
+    assert scores(top_k=3, keep=1) == pytest.approx([first])
 
 
 def test_no_detection_is_all_zeros(pose_coder: RegressionCoder) -> None:

@@ -26,7 +26,7 @@ def device(monkeypatch: pytest.MonkeyPatch) -> Any:
         ({"avx2": True, "avx512_bf16": True}, "bf16-mixed"),
         ({"avx512_bf16": False, "amx_bf16": True}, "bf16-mixed"),
         ({"avx2": True, "avx512_f": True, "avx512_bf16": False}, "32-true"),
-        ({"neon": True}, "32-true"),
+        ({"neon": True, "bf16": True}, "32-true"),
     ],
 )
 def test_a_processor_needs_instructions_for_bfloat16(

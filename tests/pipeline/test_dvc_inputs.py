@@ -43,7 +43,7 @@ WITHOUT_EFFECT = {
 }
 # Not read for results: MLflow and training.json show most of the configuration of a training, and
 # the name of its scratch folder depends on it.
-TRACKED = {"logged_parameters", "fingerprint", "recipe"}
+TRACKED = {"logged_parameters", "fingerprint", "recipe", "settings_of"}
 # What an interrupted render or training left, named after all that determines it.
 SCRATCH = "data/scratch"
 

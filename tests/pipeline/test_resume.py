@@ -67,7 +67,7 @@ class Watched(Callback):
 
 
 class Training:
-    """A training in a process of its own, as far as it goes."""
+    """A training, as far as it goes."""
 
     def __init__(
         self, folder: Path, overrides: tuple[str, ...], death: Death | None = None
@@ -147,6 +147,17 @@ def test_averaged_and_clipped_weights_are_kept_too(
     with pytest.raises(Killed):
         Training(tmp_path, (SELDOM, *OPTIONS), (STEP, 4))
     assert_same(Training(tmp_path, (SELDOM, *OPTIONS)), undisturbed["options"])
+
+
+def test_weights_are_averaged_and_statistics_are_those_of_the_last_step(
+    inside: Path, undisturbed: dict[str, Training], tmp_path: Path
+) -> None:
+    averaged = Training(tmp_path, (SELDOM, "training.ema_decay=0.5")).weights
+    plain = undisturbed["plain"].weights
+    names = [name for name in plain if name.endswith("running_mean")]
+    assert all(torch.equal(averaged[name], plain[name]) for name in names)
+    name = names[0].replace("running_mean", "weight")
+    assert not torch.equal(averaged[name], plain[name])
 
 
 def test_a_request_to_terminate_is_obeyed_at_once(

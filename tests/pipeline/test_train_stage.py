@@ -87,6 +87,19 @@ def test_the_precision_of_the_device_is_noted(folder: Path) -> None:
     assert noted == native_precision("cpu")
 
 
+def test_a_job_that_fails_does_not_keep_others_of_its_sweep(folder: Path) -> None:
+    done = run_stage(folder, *CPU, "hydra.sweep.dir=sweeps/mine", "loss.alpha=-1,1.5", "-m")
+    assert done.returncode == 1
+    assert "error: params.yaml: loss.alpha = -1" in done.stdout + done.stderr
+    assert facts(folder)["recipe"]["loss"]["alpha"] == 1.5
+
+
+def test_a_batch_that_processes_cannot_share_is_refused(folder: Path) -> None:
+    done = run_stage(folder, *TWO_PROCESSES, "profiles.smoke.batch_size=3")
+    assert done.returncode == 1
+    assert "batch_size = 3 cannot be shared out among 2 processes" in done.stderr
+
+
 def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(folder: Path) -> None:
     key = read_keys(folder / "data/split", "train")[0]
     damage(folder, key)

@@ -36,12 +36,13 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
     write_real(folder / "data/real")
     trained = folder / "sweeps/0"
     trained.mkdir(parents=True)
-    torch.save({"identity": {"variant": "d_noise_real"}}, trained / "model.ckpt")
+    checkpoint = {"identity": {"variant": "d_noise_real"}, "state_dict": {}}
+    torch.save(checkpoint, trained / "model.ckpt")
     (trained / "training.json").write_text(json.dumps(training))
     evaluation = {
         "title": "D + noise + real", "real_share": 0.2, "training": training,
         "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
-        "found": asdict(FOUND),
+        "found": asdict(FOUND), "test_set": "some",
         "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
     }  # fmt: skip
     (trained / "evaluation.json").write_text(json.dumps(evaluation))
@@ -51,7 +52,7 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
 def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = evaluate_trainings.record(write_training(tmp_path, TRAINING))
-    assert path == Path("reports/trainings/d_noise_real-01234567.json")
+    assert path == Path("reports/trainings/d_noise_real-7-01234567.json")
     (record,) = results_page.records(tmp_path)
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
@@ -66,7 +67,7 @@ def test_a_training_without_its_settings_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     training = {key: value for key, value in TRAINING.items() if key != "recipe"}
-    with pytest.raises(InputError, match=r"training\.json: lacks `recipe`"):
+    with pytest.raises(InputError, match=r"training\.json: lacks 'recipe'"):
         evaluate_trainings.record(write_training(tmp_path, training))
 
 
@@ -78,9 +79,9 @@ def test_a_training_on_other_images_is_refused(
     (tmp_path / "data/split").mkdir()
     (tmp_path / "data/split/train.csv").write_text("key\nshard/000001\n")
     with pytest.raises(InputError, match="trained on 90 images, but data/split has 1 to train"):
-        evaluate_trainings.check_images(folder)
+        evaluate_trainings.check(folder)
 
 
-def test_a_folder_without_checkpoint_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"model\.ckpt: missing"):
-        evaluate_trainings.variant_of(tmp_path)
+def test_an_unfinished_training_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"training\.json: missing: the training is not finished"):
+        evaluate_trainings.check(tmp_path)

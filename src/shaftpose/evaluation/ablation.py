@@ -51,10 +51,11 @@ class Champion:
 class AblationReport:
     """Everything the report shows.
 
-    `constant`: metrics of the constant predictor. `domain_label`: what the "real" domain was in
-    this study, `stand-in` or `real`. `silhouette`: by variant and set of images
-    (`rendered/clear`, `rendered/occluded` and the same of the domain, such as `stand-in/clear`)
-    the fields of a `SilhouetteScore`. `figures`: PNG files by title.
+    `profile`: the sizes of the run, by their name in conf/profiles.yaml. `constant`: metrics of the
+    constant predictor. `domain_label`: what the "real" domain was in this study, `stand-in` or
+    `real`. `silhouette`: by variant and set of images (`rendered/clear`, `rendered/occluded` and
+    the same of the domain, such as `stand-in/clear`) the fields of a `SilhouetteScore`. `figures`:
+    PNG files by title.
     """
 
     rows: list[VariantRow]
@@ -62,6 +63,7 @@ class AblationReport:
     silhouette: Mapping[str, Mapping[str, MetricValues]]
     domain_label: str
     champion: Champion
+    profile: str
     figures: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -4,15 +4,16 @@ A mean error is of the instruments that a network found. One that finds few of t
 looks the more precise for it; on the instruments that all found, none has that advantage.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from shaftpose.errors import InputError
 from shaftpose.evaluation.pose_errors import PoseErrors
+from shaftpose.instruments import Annotations
 
-DECIMALS = 3  # of the errors that are kept: far below what a network or a robot resolves
+DECIMALS = 3  # of mm and deg that are kept: far below what a network or a robot resolves
 
 
 @dataclass(frozen=True)
@@ -39,17 +40,15 @@ def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
     )
 
 
-def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:
-    """The instruments that every one of these trainings found.
+def test_set_id(annotations: Sequence[Annotations]) -> str:
+    """What a test set is recognised by: a digest of the poses in it, to the last micrometre."""
+    poses = [known.poses for known in annotations if known.poses is not None]
+    lines = (",".join(f"{value:.{DECIMALS}f}" for value in pose) for part in poses for pose in part)
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
-    Raises InputError if they were evaluated on different test sets.
-    """
-    totals = sorted({found.total for found in trainings})
-    if len(totals) > 1:
-        raise InputError(
-            "reports/trainings: trainings of one scale were evaluated on test sets of "
-            f"{' and '.join(map(str, totals))} instruments; evaluate them on the same images"
-        )
+
+def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:
+    """The instruments that every one of these trainings found, on one test set."""
     return set.intersection(*(set(found.instruments) for found in trainings))
 
 

@@ -7,7 +7,8 @@ from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.paper_tables import TABLE_I
 from shaftpose.instruments import POSE_DIMENSIONS
 
-# Each step of the study: what was there, and what the paper puts in its place.
+# What was there, and what the paper puts in its place. Not the step to D + noise + real: it is
+# meant for real images, and on rendered ones the paper has nearly the same.
 STEPS = (("b", "c"), ("b", "d"), ("c", "d"), ("d", "d_noise"))
 METRICS = ("mAP", "detected_rate", *POSE_DIMENSIONS)
 AS_IN_PAPER, REVERSED = "as in the paper", "reversed"

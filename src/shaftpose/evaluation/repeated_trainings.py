@@ -10,7 +10,7 @@ from shaftpose.evaluation.ablation import VariantRow, variant_title
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.common_instruments import common_instruments, means_on
 from shaftpose.evaluation.figures import learning_curve_figure
-from shaftpose.evaluation.repeats import Scale, by_scale, rows_of
+from shaftpose.evaluation.repeats import Scale, by_scale, distinctions, rows_of
 from shaftpose.evaluation.report import pipe_table, table_i_block
 from shaftpose.evaluation.report_tables import TABLE_I_METRICS
 from shaftpose.evaluation.training_record import TrainingRecord
@@ -40,9 +40,11 @@ HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
 
 
 def repeated_blocks(records: Sequence[TrainingRecord], domain_label: str) -> list[str]:
-    """Blocks of Markdown for each scale of these trainings."""
-    parts = [INTRO]
-    for scale, alike in by_scale(records).items():
+    """Blocks of Markdown for each scale of these trainings; of several, headings say what sets
+    them apart."""
+    parts, scales = [INTRO], by_scale(records)
+    for (scale, alike), own in zip(scales.items(), distinctions(list(scales)), strict=True):
+        parts += [f"### {own}"] if own else []
         parts += _of_scale(scale, alike, domain_label)
     return parts
 

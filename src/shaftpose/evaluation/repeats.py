@@ -11,14 +11,16 @@ import numpy as np
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.training_record import TrainingRecord
+from shaftpose.nested import flatten
 
 
 class Scale(NamedTuple):
     """What trainings must agree in to compare. `steps` were taken; `settings` is their recipe as
-    JSON, with the number that was planned."""
+    JSON, with the number that was planned; `test_set` is what `test_set_id` says."""
 
     training_images: int
     test_images: int
+    test_set: str
     steps: int
     settings: str
 
@@ -42,10 +44,21 @@ class Scale(NamedTuple):
         )
 
     def file_name(self) -> str:
-        """The scale as a part of a file's name; the last part stands for all settings."""
-        size, digest = self.recipe["size"], hashlib.sha256(self.settings.encode()).hexdigest()
-        steps = f"{self.steps}x{size['batch_size']}"
-        return f"{self.training_images}_images_{steps}_width_{size['width']:g}_{digest[:8]}"
+        """The scale as a part of a file's name; the last part stands for all that it is made of."""
+        size, steps = self.recipe["size"], f"{self.steps}x{self.recipe['size']['batch_size']}"
+        digest = hashlib.sha256(json.dumps(self).encode()).hexdigest()[:8]
+        return f"{self.training_images}_images_{steps}_width_{size['width']:g}_{digest}"
+
+
+def distinctions(scales: Sequence[Scale]) -> list[str]:
+    """For each scale its part in what not all scales have in common: `training.ema_decay 0.999`."""
+    flat = [flatten({**scale._asdict(), "settings": scale.recipe}) for scale in scales]
+    names = list(dict.fromkeys(name for one in flat for name in one))
+    differing = [name for name in names if any(one.get(name) != flat[0].get(name) for one in flat)]
+    return [
+        ", ".join(f"{name.removeprefix('settings.')} {one.get(name)}" for name in differing)
+        for one in flat
+    ]
 
 
 def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingRecord]]:
@@ -56,12 +69,13 @@ def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingReco
     found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
     for record in records:
         row, settings = record.row, json.dumps(record.recipe, sort_keys=True)
-        scale = Scale(row.training_images, row.test_images, row.steps, settings)
+        images = (row.training_images, row.test_images, record.test_set)
+        scale = Scale(*images, row.steps, settings)
         alike = found.setdefault(scale, {})
         if (row.variant, row.seeds) in alike:
             raise InputError(
-                f"reports/trainings: two records of {row.variant} with seed {row.seeds[0]} and the "
-                "same settings; delete the one that is not to count"
+                f"reports/trainings/{row.variant}-{row.seeds[0]}-*.json: two records with the same "
+                "settings; delete the one that is not to count"
             )
         alike[row.variant, row.seeds] = record
     return {scale: list(alike.values()) for scale, alike in found.items()}

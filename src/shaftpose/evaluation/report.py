@@ -56,6 +56,7 @@ def to_json(report: AblationReport) -> str:
     """The report's numbers, the paper's beside ours; missing and non-finite values are null."""
     content = {
         "champion": asdict(report.champion),
+        "profile": report.profile,
         "domain_label": report.domain_label,
         "variants": [_json_row(row, report.domain_label) for row in report.rows],
         "constant_predictor": _finite(report.constant),

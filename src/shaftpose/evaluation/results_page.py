@@ -9,6 +9,7 @@ from shaftpose.evaluation.repeated_trainings import repeated_blocks
 from shaftpose.evaluation.report import blocks, pipe_table
 from shaftpose.evaluation.sweep_figure import NO_VALUE
 from shaftpose.evaluation.training_record import TrainingRecord
+from shaftpose.nested import flatten
 
 Table = list[list[str]]  # the headings, then the cells line by line
 
@@ -35,21 +36,20 @@ SWEEPS = (
 
 def to_page(
     report: AblationReport,
-    profile: str,
     records: Sequence[TrainingRecord],
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
 ) -> str:
     """The page as Markdown.
 
-    report: the recorded run, of the profile `profile`; records: trainings that may be repeats of
+    report: the recorded run; records: trainings that may be repeats of
     each other; sweeps: tables that `tools/sweep_figure.py` wrote and benchmarks: the contents of
     result files, by name.
     """
     parts = ["# Results", INTRO]
     if records:
         parts += ["## Repeated trainings", *repeated_blocks(records, report.domain_label)]
-    parts += ["## The pipeline's run", RUN.format(profile=profile)]
+    parts += ["## The pipeline's run", RUN.format(profile=report.profile)]
     parts += [*blocks(report), "## Where the errors are", BINNED]
     if sweeps:
         parts += ["## Sweeps", SWEEPS, *_sweeps(sweeps)]
@@ -73,23 +73,14 @@ def _speed(benchmarks: Mapping[str, Any]) -> list[str]:
     values come from, stay in its file."""
     parts = []
     for name, content in benchmarks.items():
-        shown = _flat({key: value for key, value in content.items() if key != "parts"})
-        single = [[key, _text(value)] for key, value in shown if not _is_table(value)]
+        shown = flatten({key: value for key, value in content.items() if key != "parts"})
+        single = [[key, _text(value)] for key, value in shown.items() if not _is_table(value)]
         parts += [f"### {name}", pipe_table(["key", "value"], single)]
-        for key, rows in shown:
+        for key, rows in shown.items():
             if _is_table(rows):
                 cells = [[_text(value) for value in row.values()] for row in rows]
                 parts += [f"{key}:", pipe_table(list(rows[0]), cells)]
     return parts
-
-
-def _flat(content: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
-    """Keys and values of nested mappings, such as ("machine.cores", 2)."""
-    found: list[tuple[str, Any]] = []
-    for key, value in content.items():
-        name = f"{before}{key}"
-        found += _flat(value, f"{name}.") if isinstance(value, Mapping) else [(name, value)]
-    return found
 
 
 def _is_table(value: Any) -> bool:

@@ -21,11 +21,14 @@ CURVES = tuple(
 class TrainingRecord:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`.
 
-    recipe: all settings but variant and seed, as the train stage notes them.
+    recipe: the settings in which trainings that are compared must agree, as the train stage notes
+    them: sizes, backbone, loss, ranges of poses, training. test_set: what it was evaluated on, see
+    `test_set_id`.
     """
 
     row: VariantRow
     recipe: Mapping[str, Any]
+    test_set: str
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     found: FoundInstruments
     curves: Sequence[tuple[int, str, float]]
@@ -35,6 +38,7 @@ class TrainingRecord:
         return {
             "row": asdict(self.row),
             "recipe": self.recipe,
+            "test_set": self.test_set,
             "binned_errors": as_plain(self.binned_errors),
             "found": asdict(self.found),
             "curves": [list(line) for line in self.curves],
@@ -52,21 +56,27 @@ def validation_curves(curves: Sequence[Sequence[Any]]) -> list[tuple[int, str, f
 
 
 def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
-    """What `as_plain` was made of; `file` is where it lies, for messages."""
+    """What `as_plain` was made of; `file` is where it lies, for messages.
+
+    Raises InputError if a part is missing.
+    """
     return TrainingRecord(
-        row=read_row(content["row"]),
-        recipe=read_recipe(content, file),
-        binned_errors=from_plain(content["binned_errors"]),
-        found=FoundInstruments(**content["found"]),
-        curves=validation_curves(content["curves"]),
+        row=read_row(part_of(content, "row", file)),
+        recipe=part_of(content, "recipe", file),
+        test_set=part_of(content, "test_set", file),
+        binned_errors=from_plain(part_of(content, "binned_errors", file)),
+        found=FoundInstruments(**part_of(content, "found", file)),
+        curves=validation_curves(part_of(content, "curves", file)),
     )
 
 
-def read_recipe(content: Mapping[str, Any], file: str) -> dict[str, Any]:
-    """The settings of a training. Raises InputError if `file` does not say them."""
-    if "recipe" not in content:
-        raise InputError(f"{file}: lacks `recipe`, the settings of the training; train it again")
-    return dict(content["recipe"])
+def part_of(content: Mapping[str, Any], name: str, file: str) -> Any:
+    """A part of what was read from `file`. Raises InputError if it is missing."""
+    if name not in content:
+        raise InputError(
+            f"{file}: lacks {name!r}, as those of an older version do; train and evaluate again"
+        )
+    return content[name]
 
 
 def read_row(content: Mapping[str, Any]) -> VariantRow:

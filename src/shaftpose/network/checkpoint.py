@@ -18,8 +18,11 @@ _AGAIN = "delete it and train the network again"
 def load_network_weights(
     path: Path, network: ShaftNetwork, identity: dict[str, str | float]
 ) -> None:
-    """Fill `network` with the weights of a training checkpoint written with this `identity`."""
-    checkpoint = _read_checkpoint(path, identity, {"state_dict"})
+    """Fill `network` with the weights of a training checkpoint written with this `identity`.
+
+    Raises InputError if the file does not hold them.
+    """
+    checkpoint = _read_checkpoint_of(path, identity, {"state_dict"})
     weights = {
         name.removeprefix(WEIGHT_PREFIX): value
         for name, value in checkpoint["state_dict"].items()
@@ -33,18 +36,37 @@ def load_network_weights(
         ) from error
 
 
+def identity_of(path: Path) -> dict[str, str | float]:
+    """The identity of the network whose weights a checkpoint holds.
+
+    Raises InputError if the file is no checkpoint.
+    """
+    return dict(_read_checkpoint(path, {"state_dict"})["identity"])
+
+
 def resumed_step(path: Path, identity: dict[str, str | float]) -> int:
     """The step at which the training in a checkpoint goes on.
 
     Raises InputError if the file holds no unfinished training of the network of this `identity`.
     """
     parts = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "global_step"}
-    return int(_read_checkpoint(path, identity, parts)["global_step"])
+    return int(_read_checkpoint_of(path, identity, parts)["global_step"])
 
 
-def _read_checkpoint(
+def _read_checkpoint_of(
     path: Path, identity: dict[str, str | float], parts: Set[str]
 ) -> dict[str, Any]:
+    """A checkpoint of the network of this identity that has these parts."""
+    checkpoint = _read_checkpoint(path, parts)
+    if checkpoint["identity"] != identity:
+        raise InputError(
+            f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "
+            f"{_AGAIN}, or choose the checkpoint's variant and width"
+        )
+    return checkpoint
+
+
+def _read_checkpoint(path: Path, parts: Set[str]) -> dict[str, Any]:
     """A checkpoint, read without running code from it, that has these parts."""
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint; train the network first")
@@ -54,9 +76,4 @@ def _read_checkpoint(
         raise InputError(f"{path}: not a readable checkpoint; {_AGAIN}") from error
     if not isinstance(checkpoint, dict) or not {"identity"} | parts <= checkpoint.keys():
         raise InputError(f"{path}: not a checkpoint of this project; {_AGAIN}")
-    if checkpoint["identity"] != identity:
-        raise InputError(
-            f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "
-            f"{_AGAIN}, or choose the checkpoint's variant and width"
-        )
     return checkpoint

@@ -25,6 +25,8 @@ from shaftpose.network.mining import hard_negatives
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.smooth_l1 import smooth_l1
 
+NEGATIVE_RATIO = 3  # mined background boxes for each matched one, as in SSD
+
 
 class LossTerms(NamedTuple):
     """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
@@ -49,21 +51,15 @@ class Assignment(NamedTuple):
 
 
 class ShaftLoss(nn.Module):
-    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors.
-
-    `negative_ratio`: mined background boxes for each matched one.
-    """
+    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors."""
 
     beta: Tensor
 
-    def __init__(
-        self, alpha: float, beta: Sequence[float], gamma: float, negative_ratio: int = 3
-    ) -> None:
+    def __init__(self, alpha: float, beta: Sequence[float], gamma: float) -> None:
         super().__init__()
         self.alpha = alpha
         self.register_buffer("beta", torch.tensor(beta, dtype=torch.float32), persistent=False)
         self.gamma = gamma
-        self.negative_ratio = negative_ratio
 
     def forward(
         self, outputs: HeadOutputs, targets: Targets, defaults: Tensor, pose_coder: PoseCoder
@@ -86,7 +82,7 @@ class ShaftLoss(nn.Module):
         """Match default boxes with the ground truth and mine hard negatives."""
         truth = match_boxes(targets.boxes, targets.valid, defaults)
         positive = truth >= 0
-        negative = hard_negatives(outputs.class_logits, positive, self.negative_ratio)
+        negative = hard_negatives(outputs.class_logits, positive, NEGATIVE_RATIO)
         return Assignment(truth.clamp(min=0), positive, negative)
 
     def confidence_loss(self, outputs: HeadOutputs, assignment: Assignment) -> Tensor:

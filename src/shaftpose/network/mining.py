@@ -5,7 +5,8 @@ from torch import Tensor
 
 
 def hard_negatives(class_logits: Tensor, positive: Tensor, ratio: int) -> Tensor:
-    """(B, A) bool: per image, the `ratio` x positives background boxes that look least like it.
+    """(B, A) bool: per image, the `ratio` x positives background boxes with the highest
+    instrument scores.
 
     class_logits: (B, A, 2); positive: (B, A) bool. An image without positives gives no negatives;
     one with too few background boxes gives all of them.

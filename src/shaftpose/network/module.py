@@ -17,6 +17,8 @@ from shaftpose.network.layers import freeze_statistics
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
+DECAY_POWER = 2.0  # of the learning rate's polynomial decay, as in the paper
+
 
 class ShaftModule(LightningModule):
     """Trains a `ShaftNetwork` with Adam: linear warm-up, then polynomial decay, by steps.
@@ -34,7 +36,6 @@ class ShaftModule(LightningModule):
         learning_rate: float,
         total_steps: int,
         warmup_steps: int,
-        decay_power: float = 2.0,
         frozen_norm_share: float = 0.0,
     ) -> None:
         super().__init__()
@@ -45,7 +46,6 @@ class ShaftModule(LightningModule):
         self.learning_rate = learning_rate
         self.total_steps = total_steps
         self.warmup_steps = warmup_steps
-        self.decay_power = decay_power
         self.frozen_norm_from = round(total_steps * (1 - frozen_norm_share))
 
     def on_train_batch_start(self, batch: Batch, batch_index: int) -> None:
@@ -54,8 +54,10 @@ class ShaftModule(LightningModule):
             freeze_statistics(self.network)
 
     def training_step(self, batch: Batch, batch_index: int) -> Tensor:
-        """The scalar loss of a batch. If it is no longer a number, the batch is written to the
-        trainer's folder and the training stops."""
+        """The scalar loss of a batch.
+
+        Raises InputError if it is no longer a number; the batch is then in the trainer's folder.
+        """
         terms = self._loss_terms(self._outputs(batch), batch)
         whole = terms_of_all_ranks(terms)
         if not torch.isfinite(whole.total):  # for all ranks or none: they stop together
@@ -89,11 +91,11 @@ class ShaftModule(LightningModule):
         }
 
     def learning_rate_factor(self, step: int) -> float:
-        """Rises to 1 over the warm-up, then falls to 0 at `total_steps` (paper: power 2)."""
+        """Rises to 1 over the warm-up, then falls to 0 at `total_steps`."""
         if step < self.warmup_steps:
             return (step + 1) / self.warmup_steps
         left = (self.total_steps - step) / max(self.total_steps - self.warmup_steps, 1)
-        return max(left, 0.0) ** self.decay_power
+        return max(left, 0.0) ** DECAY_POWER
 
     def on_save_checkpoint(self, checkpoint: dict[str, object]) -> None:
         """Write the network's identity beside its weights."""

@@ -25,6 +25,8 @@ class BinCoder(PoseCoder):
     know to be neighbours; it knows that of no two bins.
 
     bins: their number in each dimension; `values` is the sum, in the order of the dimensions.
+    Raises InputError if `steps`, their widths, are not as many positive numbers as there are
+    dimensions.
     """
 
     continuous = False

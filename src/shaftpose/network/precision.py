@@ -10,7 +10,8 @@ _CPU_BFLOAT16 = ("avx512_bf16", "amx_bf16")
 def native_precision(accelerator: str) -> str:
     """Lightning's name of it: `bf16-mixed` if the device computes in bfloat16, else `32-true`.
 
-    accelerator: `cpu`, `gpu` or `auto`, a GPU if there is one.
+    accelerator: `cpu`, `gpu` or `auto`, a GPU if there is one. Of processors only x86 is looked at:
+    whether others gain was not tried.
     """
     if accelerator != "cpu" and torch.cuda.is_available():
         native = torch.cuda.is_bf16_supported(including_emulation=False)
