@@ -53,11 +53,16 @@ def sweeps(root: Path) -> dict[str, Table]:
 
 
 def report_of(root: Path) -> AblationReport:
-    """The recorded report. Raises InputError if there is none."""
+    """The recorded report. Raises InputError if there is none, or one of an older version."""
     recorded = root / "reports/ablation.json"
     if not recorded.is_file():
         raise InputError(f"{recorded}: missing; run `make report`")
-    return read_report(json.loads(recorded.read_text()))
+    content = json.loads(recorded.read_text())
+    if "profile" not in content:
+        raise InputError(
+            f"{recorded}: lacks 'profile', as those of older versions do; run `make repro`"
+        )
+    return read_report(content)
 
 
 def read_report(content: dict[str, Any]) -> AblationReport:
