@@ -18,7 +18,7 @@ from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
-from shaftpose.evaluation.common_instruments import found_instruments, test_set_id
+from shaftpose.evaluation.common_instruments import found_instruments, id_of_test_set
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.metrics import evaluate
@@ -62,7 +62,7 @@ def main(config: Config) -> None:
         "metrics": metrics.as_dict(),
         "training": training,
         "binned_errors": as_plain(binned_errors(errors, visible)),
-        "test_set": test_set_id(known),
+        "test_set": id_of_test_set(known),
         "found": asdict(found_instruments(errors, len(visible))),
         "precision_recall": {name: values.tolist() for name, values in vars(curve).items()},
         "curves": read_curves(model_folder / "curves.csv"),

@@ -14,7 +14,7 @@ from shaftpose.evaluation.ablation import AblationReport, Champion
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.repeated_trainings import repeated_figures
 from shaftpose.evaluation.results_page import Table, to_page
-from shaftpose.evaluation.training_record import TrainingRecord, read_record, read_row
+from shaftpose.evaluation.training_record import TrainingRecord, part_of, read_record, read_row
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/results.md"
@@ -58,22 +58,18 @@ def report_of(root: Path) -> AblationReport:
     if not recorded.is_file():
         raise InputError(f"{recorded}: missing; run `make report`")
     content = json.loads(recorded.read_text())
-    if "profile" not in content:
-        raise InputError(
-            f"{recorded}: lacks 'profile', as those of older versions do; run `make repro`"
-        )
-    return read_report(content)
+    return read_report(content, str(recorded))
 
 
-def read_report(content: dict[str, Any]) -> AblationReport:
-    """The report that the pipeline wrote as ablation.json."""
+def read_report(content: dict[str, Any], file: str) -> AblationReport:
+    """The report that the pipeline wrote as ablation.json; `file` is its place, for messages."""
     return AblationReport(
         rows=[read_row(row) for row in content["variants"]],
         constant=content["constant_predictor"],
         silhouette=content["silhouette"],
         domain_label=content["domain_label"],
         champion=Champion(**content["champion"]),
-        profile=content["profile"],
+        profile=part_of(content, "profile", file),
     )
 
 

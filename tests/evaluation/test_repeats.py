@@ -214,4 +214,4 @@ def test_the_recorded_report_is_read_as_it_was_written():
     report = AblationReport(
         rows, {"mAP": 0.0}, {}, "stand-in", Champion("d", "the best one"), "smoke"
     )
-    assert results_page.read_report(json.loads(to_json(report))) == report
+    assert results_page.read_report(json.loads(to_json(report)), "ablation.json") == report

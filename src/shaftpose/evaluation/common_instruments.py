@@ -40,7 +40,7 @@ def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
     )
 
 
-def test_set_id(annotations: Sequence[Annotations]) -> str:
+def id_of_test_set(annotations: Sequence[Annotations]) -> str:
     """What a test set is recognised by: a digest of the poses in it, to the last micrometre."""
     poses = [known.poses for known in annotations if known.poses is not None]
     lines = (",".join(f"{value:.{DECIMALS}f}" for value in pose) for part in poses for pose in part)

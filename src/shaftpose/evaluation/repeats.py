@@ -16,7 +16,7 @@ from shaftpose.nested import flatten
 
 class Scale(NamedTuple):
     """What trainings must agree in to compare. `steps` were taken; `settings` is their recipe as
-    JSON, with the number that was planned; `test_set` is what `test_set_id` says."""
+    JSON, with the number that was planned; `test_set` is what `id_of_test_set` says."""
 
     training_images: int
     test_images: int

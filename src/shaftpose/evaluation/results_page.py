@@ -42,9 +42,8 @@ def to_page(
 ) -> str:
     """The page as Markdown.
 
-    report: the recorded run; records: trainings that may be repeats of
-    each other; sweeps: tables that `tools/sweep_figure.py` wrote and benchmarks: the contents of
-    result files, by name.
+    report: the recorded run; records: trainings that may be repeats of each other; sweeps: tables
+    that `tools/sweep_figure.py` wrote and benchmarks: the contents of result files, by name.
     """
     parts = ["# Results", INTRO]
     if records:

@@ -23,7 +23,7 @@ class TrainingRecord:
 
     recipe: the settings in which trainings that are compared must agree, as the train stage notes
     them: sizes, backbone, loss, ranges of poses, training. test_set: what it was evaluated on, see
-    `test_set_id`.
+    `id_of_test_set`.
     """
 
     row: VariantRow
@@ -73,9 +73,7 @@ def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
 def part_of(content: Mapping[str, Any], name: str, file: str) -> Any:
     """A part of what was read from `file`. Raises InputError if it is missing."""
     if name not in content:
-        raise InputError(
-            f"{file}: lacks {name!r}, as those of an older version do; train and evaluate again"
-        )
+        raise InputError(f"{file}: lacks {name!r}, as files of older versions do; make it again")
     return content[name]
 
 
