@@ -20,9 +20,9 @@ from shaftpose.evaluation.average_precision import PrecisionRecall, precision_re
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments, id_of_test_set
 from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.evaluation.figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
+from shaftpose.evaluation.test_set_figures import pose_error_figure, precision_recall_figure
 from shaftpose.images import Image, write_jpeg
 from shaftpose.shards import ShardedDataset
 
@@ -61,6 +61,7 @@ def main(config: Config) -> None:
         "real_share": chosen.real_share,
         "metrics": metrics.as_dict(),
         "training": training,
+        "detection": config["detection"],
         "binned_errors": as_plain(binned_errors(errors, visible)),
         "test_set": id_of_test_set(known),
         "found": asdict(found_instruments(errors, len(visible))),

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from results import read_domain, read_json
+from results import read_domain, read_result
 from stage import Config, stage
 from tqdm import tqdm
 
@@ -17,19 +17,19 @@ from shaftpose.evaluation.ablation import (
     Champion,
     VariantRow,
     choose_champion,
+    variant_row,
     variant_title,
 )
+from shaftpose.evaluation.ablation_figure import ablation_figure
 from shaftpose.evaluation.average_precision import PrecisionRecall
 from shaftpose.evaluation.binned_errors import from_plain
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.evaluation.figures import (
-    ablation_figure,
-    learning_curve_figure,
-    precision_recall_figure,
-)
+from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
 from shaftpose.evaluation.metrics import constant_predictor
 from shaftpose.evaluation.report import to_html, to_json, to_markdown
+from shaftpose.evaluation.test_set_figures import precision_recall_figure
+from shaftpose.evaluation.training_record import last_validation
 from shaftpose.instruments import Annotations
 from shaftpose.shards import ShardedDataset
 
@@ -48,7 +48,7 @@ LEARNING_CURVES = (
 def main(config: Config) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     out, names = Path(config["out"]), config["variants"]
-    results = {name: read_json(RESULTS / name / "evaluation.json", "evaluate") for name in names}
+    results = {name: read_result(RESULTS / name / "evaluation.json", "evaluate") for name in names}
     domain, real_images = read_domain(), len(read_coco(Path("data/real/train.json")))
     rows = [variant_row(name, result, real_images) for name, result in results.items()]
     champion = choose_champion(
@@ -62,7 +62,7 @@ def main(config: Config) -> None:
         rows=rows,
         constant=constant,
         silhouette={
-            name: read_json(RESULTS / name / "silhouette.json", "evaluate_real") for name in names
+            name: read_result(RESULTS / name / "silhouette.json", "evaluate_real") for name in names
         },
         domain_label=domain,
         champion=champion,
@@ -74,32 +74,6 @@ def main(config: Config) -> None:
     logger.info("%s", to_markdown(report))
     logger.info("champion: %s (%s)", champion.variant, champion.rule)
     logger.info("report: %s", out / "ablation.html")
-
-
-def variant_row(name: str, result: dict[str, Any], real_images: int) -> VariantRow:
-    """The table line of one variant; those with a real share mix in all of the real images."""
-    training, metrics = result["training"], result["metrics"]
-    return VariantRow(
-        variant=name,
-        title=result["title"],
-        metrics=metrics,
-        training_images=training["training_images"],
-        test_images=metrics["images"],
-        steps=training["steps"],
-        batch_size=training["batch_size"],
-        width=training["width"],
-        seeds=(training["seed"],),
-        parameters=training["parameters"],
-        mixed_in_images=real_images if result["real_share"] > 0 else 0,
-    )
-
-
-def last_validation(curves: list[list[Any]]) -> dict[str, float]:
-    """The metrics of a training's last validation, from rows of step, name, value."""
-    phase = "validation/"
-    rows = [(step, name, value) for step, name, value in curves if name.startswith(phase)]
-    last = max((step for step, _, _ in rows), default=None)
-    return {name.removeprefix(phase): value for step, name, value in rows if step == last}
 
 
 def annotations(shards: ShardedDataset, part: str) -> list[Annotations]:

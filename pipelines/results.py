@@ -15,19 +15,27 @@ def write_json(path: Path, content: Any) -> None:
     part.replace(path)
 
 
-def read_json(path: Path, stage: str) -> Any:
-    """Read a file that `stage` writes. Raises InputError naming both if it is missing."""
-    if not path.is_file():
-        raise InputError(f"{path}: missing; run `dvc repro {stage}`")
-    return json.loads(path.read_text())
+def read_json(path: Path, remedy: str) -> Any:
+    """What a file holds. Raises InputError naming it and the remedy if it is missing or damaged."""
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: missing; {remedy}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: cannot be read as JSON ({error}); {remedy}") from error
+
+
+def read_result(path: Path, stage: str) -> Any:
+    """What the file that `stage` writes holds. Raises InputError if it is missing or damaged."""
+    return read_json(path, f"run `dvc repro {stage}`")
 
 
 def read_training(model_folder: Path) -> dict[str, Any]:
     """What the train stage notes about a training beside its checkpoint."""
-    training: dict[str, Any] = read_json(model_folder / "training.json", "train")
+    training: dict[str, Any] = read_result(model_folder / "training.json", "train")
     return training
 
 
 def read_domain() -> str:
     """What the images of the real domain are: "real", or "stand-in"."""
-    return str(read_json(Path("data/real/about.json"), "real_images")["domain"])
+    return str(read_result(Path("data/real/about.json"), "real_images")["domain"])

@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from results import read_json
+from results import read_result
 from stage import Config, stage
 
 from shaftpose.config import SplitSettings, parse
@@ -16,7 +16,7 @@ logger = logging.getLogger(__name__)
 def main(config: Config) -> None:
     """Write `train.csv`, `validation.csv` and `test.csv` to `out`."""
     settings = parse(SplitSettings, config["split"], "params.yaml: split")
-    sources = read_json(Path("data/validation/sources.json"), "validate")
+    sources = read_result(Path("data/validation/sources.json"), "validate")
     split = split_images(sources, settings, config["seed"])
     out = Path(config["out"])
     write_split(split, out)

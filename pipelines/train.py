@@ -29,7 +29,7 @@ from shaftpose import tracking
 from shaftpose.config import Augmentation, LossSettings, Size, TrainingSettings, Variant, parse
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split import read_keys
+from shaftpose.dataset.split import digest_of_keys, read_keys
 from shaftpose.dataset.training_data import (
     RealImages,
     RenderedImages,
@@ -93,6 +93,7 @@ def main(config: Config) -> None:
             "training_id": training_id,
             "fingerprint": folder.name,
             "training_images": len(read_keys(Path("data/split"), "train")),
+            "training_keys": digest_of_keys(Path("data/split"), "train"),
             "skipped_images": len(skipped.complaints()),
             "steps": trainer.global_step,
             "batch_size": sizes.batch_size,

@@ -9,21 +9,22 @@ import argparse
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "pipelines"))
 
-from report import variant_row  # noqa: E402
-from results import read_json, read_training, write_json  # noqa: E402
+from results import read_json, write_json  # noqa: E402
 
 from shaftpose.dataset.coco import read_coco  # noqa: E402
-from shaftpose.dataset.split import read_keys  # noqa: E402
+from shaftpose.dataset.split import digest_of_keys  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.evaluation.ablation import variant_row  # noqa: E402
 from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
 from shaftpose.evaluation.common_instruments import FoundInstruments  # noqa: E402
 from shaftpose.evaluation.training_record import (  # noqa: E402
     TrainingRecord,
-    part_of,
     validation_curves,
+    whole,
 )
 from shaftpose.network.checkpoint import identity_of  # noqa: E402
 
@@ -48,18 +49,22 @@ def main() -> None:
 
 def check(folder: Path) -> None:
     """Raise InputError unless the folder holds a finished training on the images in data/."""
-    if not (folder / "training.json").is_file():
+    training = noted(folder)
+    with whole(str(folder / "training.json"), "train again"):
+        _, trained = training["recipe"], training["training_keys"]
+    if trained != digest_of_keys(Path("data/split"), "train"):
         raise InputError(
-            f"{folder}/training.json: missing: the training is not finished; run it, or its sweep, "
-            "again, or leave the folder out"
+            f"{folder}: was trained on other images than data/split lists: run `dvc repro split "
+            "real_images` at the profile, seed and split of the training"
         )
-    trained = read_training(folder)["training_images"]
-    images = len(read_keys(Path("data/split"), "train"))
-    if trained != images:
-        raise InputError(
-            f"{folder}: was trained on {trained:,} images, but data/split has {images:,} to train "
-            "on: run `dvc repro split real_images` at the profile of the training"
-        )
+    variant_of(folder)
+
+
+def noted(folder: Path) -> dict[str, Any]:
+    """What the train stage notes about a finished training."""
+    remedy = "run the training, or its sweep, to its end, or leave the folder out"
+    training: dict[str, Any] = read_json(folder / "training.json", remedy)
+    return training
 
 
 def evaluate(folder: Path, settings: list[str]) -> None:
@@ -82,13 +87,12 @@ def variant_of(folder: Path) -> str:
 
 def record(folder: Path) -> Path:
     """Write what is kept of the training where `make results` finds it."""
-    training, evaluated = read_training(folder), folder / "evaluation.json"
-    result = read_json(evaluated, "evaluate")
+    training, result = noted(folder), read_json(folder / "evaluation.json", "evaluate it again")
     variant = variant_of(folder)
     one = TrainingRecord(
         row=variant_row(variant, result, len(read_coco(Path("data/real/train.json")))),
-        recipe=part_of(training, "recipe", str(folder / "training.json")),
-        test_set=part_of(result, "test_set", str(evaluated)),
+        recipe={**training["recipe"], "detection": result["detection"]},
+        test_set=result["test_set"],
         binned_errors=from_plain(result["binned_errors"]),
         found=FoundInstruments(**result["found"]),
         curves=validation_curves(result["curves"]),

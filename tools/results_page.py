@@ -4,19 +4,22 @@ All of it comes from the files of results that are in the repository.
 """
 
 import csv
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from shaftpose.errors import InputError
-from shaftpose.evaluation.ablation import AblationReport, Champion
-from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.evaluation.repeated_trainings import repeated_figures
-from shaftpose.evaluation.results_page import Table, to_page
-from shaftpose.evaluation.training_record import TrainingRecord, part_of, read_record, read_row
-
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+from results import read_json  # noqa: E402
+
+from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.evaluation.ablation import AblationReport, Champion  # noqa: E402
+from shaftpose.evaluation.figure_style import save_figure  # noqa: E402
+from shaftpose.evaluation.repeated_trainings import repeated_figures  # noqa: E402
+from shaftpose.evaluation.results_page import Table, to_page  # noqa: E402
+from shaftpose.evaluation.training_record import TrainingRecord, read_record, read_row, whole  # noqa: E402
+
 PAGE = ROOT / "docs/results.md"
 
 
@@ -53,29 +56,29 @@ def sweeps(root: Path) -> dict[str, Table]:
 
 
 def report_of(root: Path) -> AblationReport:
-    """The recorded report. Raises InputError if there is none, or one of an older version."""
-    recorded = root / "reports/ablation.json"
-    if not recorded.is_file():
-        raise InputError(f"{recorded}: missing; run `make report`")
-    content = json.loads(recorded.read_text())
-    return read_report(content, str(recorded))
+    """The recorded report. Raises InputError if there is none, or one of another version."""
+    recorded, remedy = root / "reports/ablation.json", "run `make report`"
+    content = read_json(recorded, remedy)
+    with whole(str(recorded), remedy):
+        return read_report(content)
 
 
-def read_report(content: dict[str, Any], file: str) -> AblationReport:
-    """The report that the pipeline wrote as ablation.json; `file` is its place, for messages."""
+def read_report(content: dict[str, Any]) -> AblationReport:
+    """The report that the pipeline wrote as ablation.json."""
     return AblationReport(
         rows=[read_row(row) for row in content["variants"]],
         constant=content["constant_predictor"],
         silhouette=content["silhouette"],
         domain_label=content["domain_label"],
         champion=Champion(**content["champion"]),
-        profile=part_of(content, "profile", file),
+        profile=content["profile"],
     )
 
 
 def contents(folder: Path) -> dict[str, Any]:
     """The JSON files of a folder by name."""
-    return {path.stem: json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))}
+    remedy = "take it from git, or make it again"
+    return {path.stem: read_json(path, remedy) for path in sorted(folder.glob("*.json"))}
 
 
 if __name__ == "__main__":

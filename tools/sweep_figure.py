@@ -21,7 +21,7 @@ from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, 
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # What each line of the table says of a training, too, be it swept or not.
-BUDGET = ("variant.name", "training_images", "size.steps", "size.batch_size", "size.width")
+SCALE = ("variant.name", "training_images", "size.batch_size", "size.width")
 
 
 def main() -> None:
@@ -54,7 +54,7 @@ def read_jobs(sweep: Path) -> tuple[list[SweepJob], int]:
     """
     tracking.connect(**yaml.safe_load(Path("params.yaml").read_text())["tracking"])
     runs = tracking.sweep_runs(sweep)
-    jobs = [SweepJob(run.parameters, run.metrics) for run in runs if run.finished]
+    jobs = [SweepJob(run.parameters, run.metrics, run.steps) for run in runs if run.finished]
     if not swept_parameters(jobs):
         raise InputError(
             f"{sweep}: {len(jobs)} of its {len(runs)} trainings are finished; a figure needs two "
@@ -74,13 +74,13 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
 
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
     """One line for each job; what it lacks is empty."""
-    names = list(dict.fromkeys([*swept_parameters(jobs), *BUDGET]))
+    names = list(dict.fromkeys([*swept_parameters(jobs), *SCALE]))
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow([*names, *METRICS])
+        table.writerow([*names, "steps", *METRICS])
         for job in jobs:
-            row = [job.parameters.get(name, "") for name in names]
+            row = [*(job.parameters.get(name, "") for name in names), job.steps]
             values = [job.metrics.get(name) for name in METRICS]
             table.writerow([*row, *("" if value is None else f"{value:.6g}" for value in values)])
 

@@ -48,10 +48,17 @@ def main() -> None:
 
 
 def comparison(sweep: Path) -> str:
-    """The path of the page that compares the finished trainings of a sweep."""
+    """The path of the page that compares the finished trainings of a sweep.
+
+    Raises InputError if there are none to compare.
+    """
     settings = yaml.safe_load(Path("params.yaml").read_text())["tracking"]
     tracking.connect(**settings)
     runs = [run.run_id for run in tracking.sweep_runs(sweep) if run.finished]
+    if len(runs) < 2:
+        raise InputError(
+            f"{sweep}: {len(runs)} of its trainings are finished; wait for two or more"
+        )
     experiment = mlflow.get_experiment_by_name(settings["experiment"])
     listed = quote(json.dumps(runs)), quote(json.dumps([experiment.experiment_id]))
     return "/compare-runs?runs={}&experiments={}&workflowType=machine_learning".format(*listed)

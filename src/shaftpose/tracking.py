@@ -125,12 +125,13 @@ def start_sweep(folder: Path, name: str) -> None:
 
 
 class SweepRun(NamedTuple):
-    """A training of a sweep: MLflow's id, whether it came to its end, its parameters and the
-    metrics of its last validation, such as `validation/mAP`."""
+    """A training of a sweep: MLflow's id, whether it came to its end, its parameters, the steps
+    that it took until its last validation and the metrics of that, such as `validation/mAP`."""
 
     run_id: str
     finished: bool
     parameters: dict[str, str]
+    steps: int
     metrics: dict[str, float]
 
 
@@ -151,13 +152,13 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
     finished = RunStatus.to_string(RunStatus.FINISHED)
     latest = {frozenset(run.data.params.items()): run for run in found}
     return [
-        SweepRun(run.info.run_id, run.info.status == finished, run.data.params, _validation(run))
+        SweepRun(run.info.run_id, run.info.status == finished, run.data.params, *_validation(run))
         for run in latest.values()
     ]
 
 
-def _validation(run: Run) -> dict[str, float]:
-    """The metrics of a run's last validation.
+def _validation(run: Run) -> tuple[int, dict[str, float]]:
+    """The steps that a run took until its last validation, and the metrics of that.
 
     Not the last value of each: one that the last validation lacks, as it lacks pose errors if
     nothing was found, would be of an earlier step than the others.
@@ -165,8 +166,8 @@ def _validation(run: Run) -> dict[str, float]:
     client = mlflow.MlflowClient()
     names = [name for name in run.data.metrics if name.startswith("validation/")]
     logged = [point for n in names for point in client.get_metric_history(run.info.run_id, n)]
-    last = max((point.step for point in logged), default=None)
-    return {point.key: point.value for point in logged if point.step == last}
+    last = max((point.step for point in logged), default=-1)  # counted from 0
+    return last + 1, {point.key: point.value for point in logged if point.step == last}
 
 
 def _read_parent(folder: Path) -> str | None:

@@ -4,38 +4,42 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from shaftpose.evaluation.binned_errors import EDGES, as_plain, binned_errors, from_plain
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.pose_errors import errors_between, pose_errors
 from shaftpose.instruments import Annotations, Detections
 
-# z 12, 12, 12 and 40 mm; yaw 355, 2, 300 and 180 deg; tip errors 1, 2, 6 and 4 mm, all along x.
+# z 12, 12, 12 and 40 mm; yaw 355, 2, 300 and 180 deg; tip errors 1, 2, 6 and 4 mm, all along x;
+# of the last pose the pitch is 3 deg too small, and so its axis is turned by as much.
 TRUE = np.array(
     [[0, 0, 12, 70, 355], [0, 0, 12, 70, 2], [0, 0, 12, 70, 300], [0, 0, 40, 90, 180]], dtype=float
 )
-ERRORS = errors_between(TRUE + np.outer([1, 2, 6, 4], [1, 0, 0, 0, 0]), TRUE)
+WRONG = TRUE + np.outer([1, 2, 6, 4], [1, 0, 0, 0, 0]) - np.outer([0, 0, 0, 3], [0, 0, 0, 1, 0])
+ERRORS = errors_between(WRONG, TRUE)
 BINS = binned_errors(ERRORS, np.array([1.0, 0.4, 0.8, 1.0]))
 
 
 def bin_of(quantity: str, low: float) -> tuple[int, float | None, float | None]:
     (found,) = (one for one in BINS[quantity] if one.low == low)
-    return found.count, found.tip_mm_mean, found.tip_mm_median
+    return found.count, found.tip_mm, found.axis_deg
 
 
-def test_mean_and_median_of_each_bin():
-    assert bin_of("z_mm", 10) == (3, 3.0, 2.0)
-    assert bin_of("z_mm", 35) == (1, 4.0, 4.0)  # the upper end belongs to the last bin
+def test_medians_of_each_bin():
+    assert bin_of("z_mm", 10) == (3, 2.0, 0.0)
+    turned = (1, 4.0, pytest.approx(3.0))
+    assert bin_of("z_mm", 35) == turned  # the upper end belongs to the last bin
     assert bin_of("z_mm", 20) == (0, None, None)
-    assert bin_of("pitch_deg", 80) == (1, 4.0, 4.0)
+    assert bin_of("pitch_deg", 80) == turned
 
 
 def test_yaw_is_counted_from_the_seam_on_both_sides():
-    assert bin_of("yaw_from_seam_deg", -10) == (1, 1.0, 1.0)  # 355 deg
-    assert bin_of("yaw_from_seam_deg", 0) == (1, 2.0, 2.0)  # 2 deg
-    assert bin_of("yaw_from_seam_deg", -30) == (0, None, None)
-    assert bin_of("yaw_from_seam_deg", -60) == (1, 6.0, 6.0)  # 300 deg; the lower end counts
-    assert bin_of("yaw_from_seam_deg", -180) == (1, 4.0, 4.0)
+    assert bin_of("yaw_from_seam_deg", -10)[:2] == (1, 1.0)  # 355 deg
+    assert bin_of("yaw_from_seam_deg", 0)[:2] == (1, 2.0)  # 2 deg
+    assert bin_of("yaw_from_seam_deg", -30)[:2] == (0, None)
+    assert bin_of("yaw_from_seam_deg", -60)[:2] == (1, 6.0)  # 300 deg; the lower end counts
+    assert bin_of("yaw_from_seam_deg", -180)[:2] == (1, 4.0)
 
 
 def test_every_instrument_is_in_one_bin_of_each_quantity():
@@ -66,4 +70,6 @@ def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
     np.testing.assert_allclose(depth[:, 0], [12.5, 17.5, 22.5, 27.5, 32.5, 37.5])
     np.testing.assert_allclose(depth[:, 1], [2.0, *[np.nan] * 4, 4.0])
     assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
+    turned = figure.axes[4].lines[1].get_ydata()  # below tip errors by depth, axis errors
+    np.testing.assert_allclose(turned, [0.0, *[np.nan] * 4, 3.0], atol=1e-6)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]

@@ -45,7 +45,7 @@ def record(
     found: FoundInstruments = FOUND,
     test_set: str = "same",
 ) -> TrainingRecord:
-    bins = {name: [ErrorBin(0.0, 1.0, 2, 3.0, 4.0, 5.0, 6.0)] for name in EDGES}
+    bins = {name: [ErrorBin(0.0, 1.0, 2, 4.0, 6.0)] for name in EDGES}
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
         "size": {
@@ -94,16 +94,22 @@ def test_changes_are_judged_by_the_spread_of_both_values():
 
 
 def test_a_variant_trained_once_is_taken_to_spread_as_much_as_any():
-    rows = [several("b", 3.0), several("c", 5.0, 6.0), several("d", 6.4)]
+    rows = [several(v, *yaws, metric="yaw_deg") for v, yaws in
+            {"b": (3.0,), "c": (5.0, 6.0), "d": (6.4,)}.items()]  # fmt: skip
     assert changes(rows) == {
-        ("b", "c"): {"x_mm": Change(pytest.approx(2.5), "reversed")},
-        ("b", "d"): {"x_mm": Change(pytest.approx(3.4), "reversed")},
-        ("c", "d"): {"x_mm": Change(pytest.approx(0.9), "within the spread")},
+        ("b", "c"): {"yaw_deg": Change(pytest.approx(2.5), "reversed")},
+        ("b", "d"): {"yaw_deg": Change(pytest.approx(3.4), "reversed")},
+        ("c", "d"): {"yaw_deg": Change(pytest.approx(0.9), "within the spread")},
     }
 
 
+def test_of_the_positions_of_b_the_paper_says_nothing():
+    found = changes([several("b", 3.0, 3.0), several("c", 5.0, 6.0)])
+    assert found["b", "c"]["x_mm"].verdict == "the paper is silent"
+
+
 def test_more_detections_are_judged_by_what_the_paper_measured():
-    # The paper: mAP 0.958 in C, 0.949 in D; of B it says nothing but that poses are less precise.
+    # The paper: mAP 0.958 in C, 0.949 in D; of B it says only that its rotations are too coarse.
     rows = [several(v, *maps, metric="mAP") for v, maps in
             {"b": (0.1, 0.2), "c": (0.5, 0.6), "d": (0.8, 0.9)}.items()]  # fmt: skip
     assert changes(rows) == {
@@ -126,7 +132,7 @@ def test_a_record_is_read_as_it_was_written():
 def test_a_record_without_settings_is_refused():
     content = record(row(8)).as_plain()
     del content["recipe"]
-    with pytest.raises(InputError, match=r"^d\.json: lacks 'recipe'"):
+    with pytest.raises(InputError, match=r"^d\.json: of another version.*'recipe'.*record the"):
         read_record(content, "d.json")
 
 
@@ -179,7 +185,10 @@ def test_trainings_that_share_no_instrument_have_no_errors_to_compare():
 
 
 def test_the_page_says_that_a_training_was_ended_before_its_last_step():
+    # Statistics are frozen from step 2,100 on, 30 % before the planned end.
     assert "1,000 of 3,000 planned steps of 16" in page(record(row(8, steps=1000, mAP=0.7)))
+    assert "frozen in the last 0%;" in page(record(row(8, steps=1000)))
+    assert "frozen in the last 16%;" in page(record(row(8, steps=2500)))
 
 
 def test_the_page_says_what_follows_for_the_papers_order():
@@ -214,4 +223,12 @@ def test_the_recorded_report_is_read_as_it_was_written():
     report = AblationReport(
         rows, {"mAP": 0.0}, {}, "stand-in", Champion("d", "the best one"), "smoke"
     )
-    assert results_page.read_report(json.loads(to_json(report)), "ablation.json") == report
+    assert results_page.read_report(json.loads(to_json(report))) == report
+
+
+@pytest.mark.parametrize("content", ["{", "{}"])
+def test_a_damaged_or_old_report_is_named_with_its_remedy(content: str, tmp_path: Path):
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports/ablation.json").write_text(content)
+    with pytest.raises(InputError, match=r"reports/ablation\.json: .*; run `make report`$"):
+        results_page.report_of(tmp_path)

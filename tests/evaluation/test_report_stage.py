@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from shaftpose.evaluation.ablation import variant_row
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.evaluation.training_record import last_validation
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "pipelines"))
 
@@ -46,12 +48,12 @@ def test_the_last_validation_counts() -> None:
         [99, "training/box", 1.0],
         [99, "validation/mAP", 0.1],
     ]
-    assert report.last_validation(curves) == {"mAP": 0.1}  # nothing was found any more
-    assert report.last_validation([]) == {}
+    assert last_validation(curves) == {"mAP": 0.1}  # nothing was found any more
+    assert last_validation([]) == {}
 
 
 def test_only_variants_with_a_real_share_mix_images_in() -> None:
-    rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
+    rows = [variant_row(name, values, 100) for name, values in RESULTS.items()]
     assert [row.mixed_in_images for row in rows] == [0, 100]
     assert [row.training_images for row in rows] == [90, 90]
 
@@ -64,7 +66,7 @@ def test_every_figure_says_what_was_mixed_in(
     monkeypatch.setattr(
         report, "save_figure", lambda figure, path: drawn.update({path.stem: figure})
     )
-    rows = [report.variant_row(name, values, 100) for name, values in RESULTS.items()]
+    rows = [variant_row(name, values, 100) for name, values in RESULTS.items()]
     files = report.draw_figures(RESULTS, rows, {}, domain, tmp_path)
     assert {path.stem for path in files.values()} == drawn.keys()
     for name, end in FIGURE_LABELS.items():

@@ -32,10 +32,10 @@ def test_nothing_detected_is_zero_and_nothing_there_undefined():
 def test_a_missed_image_counts_in_the_mean():
     box, pose = np.array([[0.0, 0.0, 2.0, 4.0]]), np.zeros((1, 5))
     known = Annotations(box, None)
-    found = Detections(box, np.array([0.9]), pose)
-    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    found, unsure = (Detections(box, np.array([score]), pose) for score in (0.3, 0.1))
+    masks = [[mask(0, 1)], [mask(0, 1)]]
     score = silhouette_score(
-        [found, nothing], [known, known], [[mask(0, 1)], [mask(0, 1)]], [[mask(1, 2)], []]
+        [found, unsure], [known, known], masks, [[mask(1, 2)], []], confidence=0.2
     )
     assert score == SilhouetteScore(
         detected_rate=0.5, iou=pytest.approx((1 / 3 + 0) / 2), images=2, instruments=2

@@ -23,6 +23,16 @@ def test_what_is_swept_is_what_differs() -> None:
     assert swept_parameters(JOBS) == ["loss.alpha", "loss.gamma"]
 
 
+def test_of_a_variant_its_name_stands_for_the_rest_of_its_file() -> None:
+    def job(name: str, noise: str) -> SweepJob:
+        return SweepJob({"variant.name": name, "variant.noise": noise, "seed": noise}, {})
+
+    assert swept_parameters([job("c", "0"), job("d", "5")]) == ["seed", "variant.name"]
+    several = [job("c", "0"), job("d", "5"), job("d", "9")]
+    assert swept_parameters(several) == ["seed", "variant.name", "variant.noise"]
+    assert swept_parameters(several[1:]) == ["seed", "variant.noise"]
+
+
 def test_lines_pass_the_axes_where_their_values_are() -> None:
     # Worst first: mAP 0.2, 0.3, 0.6. alpha has the levels 0.5 < 1.5 < 10, gamma 1 < 5.
     low, high = 0.04, 0.96
@@ -44,7 +54,7 @@ def test_the_ends_of_each_axis_are_written() -> None:
 def test_what_a_job_lacks_is_a_dash_on_top() -> None:
     jobs = [
         SweepJob({"variant.name": "d"}, {"mAP": 0.0}),
-        SweepJob({"variant.name": "b", "variant.steps": "5"}, {"mAP": 0.5, "tip_mm": 8.0}),
+        SweepJob({"variant.name": "b", "widths": "5"}, {"mAP": 0.5, "tip_mm": 8.0}),
         SweepJob({"variant.name": "d"}, {"mAP": 1.0, "tip_mm": 6.0}),
     ]
     low, high = 0.04, 0.96

@@ -35,6 +35,7 @@ NOT_LISTED = frozenset(
     {"out", "results", "model_folder", "variant_file", "profile", "tracking"}
     | {"cluster", "training.loader_workers", "training.checkpoint_minutes", "training.max_hours"}
 )
+BUT_LISTED = {"report": {"profile"}}  # names it; to others it is a way to find sizes
 WITHOUT_EFFECT = {
     "train": {"variant.title"},  # a line of the log
     # Camera, lens and shaft make a silhouette; the rest of the render settings is checked.
@@ -144,7 +145,8 @@ def config_key(file: str, key: str) -> str:
 
 def unlisted_parameters(stage: str, listed: Collection[str]) -> set[str]:
     """What a stage reads and `listed` lacks."""
-    read = parameters_read(stage) - NOT_LISTED - WITHOUT_EFFECT.get(stage, set())
+    not_listed = NOT_LISTED - BUT_LISTED.get(stage, set())
+    read = parameters_read(stage) - not_listed - WITHOUT_EFFECT.get(stage, set())
     return {key for key in read if not any(f"{key}.".startswith(f"{part}.") for part in listed)}
 
 

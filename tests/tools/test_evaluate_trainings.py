@@ -27,7 +27,7 @@ FOUND = found_instruments(errors_between(POSES + 1, POSES), 3)
 TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "seed": 7, "parameters": 1000,
-    "recipe": {"loss": {"alpha": 0.5}},
+    "recipe": {"loss": {"alpha": 0.5}}, "training_keys": "0123456789abcdef",
 }  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
     evaluation = {
         "title": "D + noise + real", "real_share": 0.2, "training": training,
         "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
-        "found": asdict(FOUND), "test_set": "some",
+        "found": asdict(FOUND), "test_set": "some", "detection": {"overlap": 0.45},
         "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
     }  # fmt: skip
     (trained / "evaluation.json").write_text(json.dumps(evaluation))
@@ -56,7 +56,7 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     (record,) = results_page.records(tmp_path)
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
-    assert record.recipe == TRAINING["recipe"]
+    assert record.recipe == {"loss": {"alpha": 0.5}, "detection": {"overlap": 0.45}}
     assert record.binned_errors == BINNED
     assert record.found == FOUND
     assert record.curves == [(9, "validation/mAP", 0.25)]
@@ -67,8 +67,8 @@ def test_a_training_without_its_settings_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     training = {key: value for key, value in TRAINING.items() if key != "recipe"}
-    with pytest.raises(InputError, match=r"training\.json: lacks 'recipe'"):
-        evaluate_trainings.record(write_training(tmp_path, training))
+    with pytest.raises(InputError, match=r"training\.json: of another version.*'recipe'"):
+        evaluate_trainings.check(write_training(tmp_path, training))
 
 
 def test_a_training_on_other_images_is_refused(
@@ -78,10 +78,10 @@ def test_a_training_on_other_images_is_refused(
     folder = write_training(tmp_path, TRAINING)
     (tmp_path / "data/split").mkdir()
     (tmp_path / "data/split/train.csv").write_text("key\nshard/000001\n")
-    with pytest.raises(InputError, match="trained on 90 images, but data/split has 1 to train"):
+    with pytest.raises(InputError, match="sweeps/0: was trained on other images than data/split"):
         evaluate_trainings.check(folder)
 
 
 def test_an_unfinished_training_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"training\.json: missing: the training is not finished"):
+    with pytest.raises(InputError, match=r"training\.json: missing; run the training, or its"):
         evaluate_trainings.check(tmp_path)

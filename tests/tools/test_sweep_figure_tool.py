@@ -29,15 +29,18 @@ def sweep(store: Path) -> Path:
 
 def train(sweep: Path, parameters: dict[str, str], metrics: dict[str, float]) -> None:
     """A job of the sweep that ends with these metrics."""
-    with tracking.training_run(parameters["variant"], "d", parameters, {}, sweep):
+    with tracking.training_run(parameters["variant.name"], "d", parameters, {}, sweep):
         mlflow.log_metrics(metrics, step=5)
 
 
 def test_finished_trainings_are_drawn_and_others_counted(
     sweep: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    train(sweep, {"variant": "b", "steps": "[1, 5]", "size.steps": "9"}, FOUND)
-    train(sweep, {"variant": "d", "size.steps": "9"}, NOTHING_RIGHT)
+    for name, more, metrics in (
+        ("b", {"variant.steps": "[1, 5]"}, FOUND),
+        ("d", {}, NOTHING_RIGHT),
+    ):
+        train(sweep, {"variant.name": name, "size.width": "0.25", **more}, metrics)
     with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
         mlflow.log_metrics(FOUND, step=2)
         raise RuntimeError
@@ -45,17 +48,16 @@ def test_finished_trainings_are_drawn_and_others_counted(
     sweep_figure.main()
     assert "2 finished trainings are drawn, 1 of them without" in capsys.readouterr().out
     headings, *jobs = results_page.sweeps(Path())["heads"]
-    assert headings == ["steps", "variant", *sweep_figure.BUDGET, *sweep_figure.METRICS]
-    assert headings[4] == "size.steps"
-    assert jobs == [
-        ["[1, 5]", "b", "", "", "9", "", "", "0.5", "4.25", "9"],
-        ["", "d", "", "", "9", "", "", "0", "", ""],
+    assert headings == [*sweep_figure.SCALE, "steps", *sweep_figure.METRICS]
+    assert jobs == [  # both were validated after their 6th step
+        ["b", "", "", "0.25", "6", "0.5", "4.25", "9"],
+        ["d", "", "", "0.25", "6", "0", "", ""],
     ]
     assert Path("docs/images/sweep-heads.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_sweep_with_nothing_to_compare_is_refused(sweep: Path) -> None:
-    train(sweep, {"variant": "b"}, FOUND)
+    train(sweep, {"variant.name": "b"}, FOUND)
     with pytest.raises(InputError, match="1 of its 1 trainings are finished"):
         sweep_figure.read_jobs(sweep)
 

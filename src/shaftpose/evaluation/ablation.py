@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.paper_tables import TABLE_I
@@ -72,6 +73,27 @@ class AblationReport:
                 f"domain_label is {self.domain_label!r}: use {STAND_IN!r} or {REAL!r}, so that "
                 "readers know whether real images were measured"
             )
+
+
+def variant_row(name: str, result: Mapping[str, Any], real_images: int) -> VariantRow:
+    """The table line of one variant, of the plain values that its evaluation wrote.
+
+    real_images: their number; a variant with a real share mixes all of them in.
+    """
+    training, metrics = result["training"], result["metrics"]
+    return VariantRow(
+        variant=name,
+        title=result["title"],
+        metrics=metrics,
+        training_images=training["training_images"],
+        test_images=metrics["images"],
+        steps=training["steps"],
+        batch_size=training["batch_size"],
+        width=training["width"],
+        seeds=(training["seed"],),
+        parameters=training["parameters"],
+        mixed_in_images=real_images if result["real_share"] > 0 else 0,
+    )
 
 
 def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:

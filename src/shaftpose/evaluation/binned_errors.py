@@ -1,8 +1,7 @@
 """Where pose errors are large: by depth, pitch, yaw and how much of a shaft is visible."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,23 +19,18 @@ EDGES: Mapping[str, Sequence[float]] = {
     "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
 }
 ERRORS = ("tip_mm", "axis_deg")
-MEASURES: Mapping[str, Callable[[Array], Any]] = {"mean": np.mean, "median": np.median}
 
 
 @dataclass(frozen=True)
 class ErrorBin:
-    """The instruments that were found between two values of a quantity.
-
-    Mean and median of their absolute errors; None where there is no instrument.
-    """
+    """The instruments that were found between two values of a quantity, and the medians of their
+    absolute errors; None where there is no instrument."""
 
     low: float
     high: float
     count: int
-    tip_mm_mean: float | None
-    tip_mm_median: float | None
-    axis_deg_mean: float | None
-    axis_deg_median: float | None
+    tip_mm: float | None
+    axis_deg: float | None
 
 
 def binned_errors(errors: PoseErrors, visible_fractions: Array) -> dict[str, list[ErrorBin]]:
@@ -69,14 +63,13 @@ def from_plain(
 def _bins(errors: PoseErrors, values: Array, edges: Sequence[float]) -> list[ErrorBin]:
     bins = np.digitize(values, edges[1:-1])
     return [
-        ErrorBin(low, high, int(np.sum(bins == n)), **_summary(errors, bins == n))
+        ErrorBin(low, high, int(np.sum(bins == n)), **_medians(errors, bins == n))
         for n, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True))
     ]
 
 
-def _summary(errors: PoseErrors, chosen: NDArray[np.bool_]) -> dict[str, float | None]:
+def _medians(errors: PoseErrors, chosen: NDArray[np.bool_]) -> dict[str, float | None]:
     return {
-        f"{error}_{measure}": float(of(getattr(errors, error)[chosen])) if chosen.any() else None
-        for error in ERRORS
-        for measure, of in MEASURES.items()
+        name: float(np.median(getattr(errors, name)[chosen])) if chosen.any() else None
+        for name in ERRORS
     }

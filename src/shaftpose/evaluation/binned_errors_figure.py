@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from shaftpose.evaluation.binned_errors import EDGES, ERRORS, ErrorBin
 from shaftpose.evaluation.figure_style import (
     COLOURS,
-    LINE_STYLES,
     finish,
     legend,
+    line_style,
     new_figure,
 )
 
@@ -36,7 +36,7 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
     for row, error in zip(panels, ERRORS, strict=True):
         for axes, quantity in zip(row, EDGES, strict=True):
             for index, (title, bins) in enumerate(variants.items()):
-                _draw(axes, bins[quantity], f"{error}_median", title, index)
+                _draw(axes, bins[quantity], error, title, index)
             if quantity == "yaw_from_seam_deg":
                 axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
             finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")
@@ -50,8 +50,7 @@ def _draw(axes: Axes, bins: Sequence[ErrorBin], value: str, title: str, index: i
         [(one.low + one.high) / 2 for one in bins],
         [getattr(one, value) if one.count >= FEWEST else math.nan for one in bins],
         label=title,
-        color=COLOURS[index % len(COLOURS)],
-        linestyle=LINE_STYLES[index % len(LINE_STYLES)],
         marker="o",
         markersize=3.5,
+        **line_style(index),
     )

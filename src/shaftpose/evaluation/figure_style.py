@@ -1,6 +1,7 @@
 """How all figures look: colours, axes, legend and file; without any global plotting state."""
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -41,6 +42,12 @@ def legend(figure: Figure, axes: Axes) -> None:
         fontsize=10,
         labelcolor=INK,
     )
+
+
+def line_style(index: int) -> dict[str, Any]:
+    """Colour and style of the line with this number, as arguments of `plot`."""
+    style = LINE_STYLES[index % len(LINE_STYLES)]
+    return {"color": COLOURS[index % len(COLOURS)], "linestyle": style}
 
 
 def save_figure(figure: Figure, path: Path) -> None:

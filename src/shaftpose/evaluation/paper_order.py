@@ -11,6 +11,7 @@ from shaftpose.instruments import POSE_DIMENSIONS
 # meant for real images, and on rendered ones the paper has nearly the same.
 STEPS = (("b", "c"), ("b", "d"), ("c", "d"), ("d", "d_noise"))
 METRICS = ("mAP", "detected_rate", *POSE_DIMENSIONS)
+ROTATIONS = ("pitch_deg", "yaw_deg")
 AS_IN_PAPER, REVERSED = "as in the paper", "reversed"
 UNDECIDED, SILENT = "within the spread", "the paper is silent"
 
@@ -60,9 +61,9 @@ def _change(
 def _rises(before: str, after: str, metric: str) -> bool | None:
     """Whether a value grows in the paper's Table I; None if the paper does not say so.
 
-    B is in no table, but its poses are said to be less precise (I-B).
+    B is in no table, but its steps of rotation are said to be too coarse (I-B).
     """
     if before == "b":
-        return False if metric in POSE_DIMENSIONS else None
+        return False if metric in ROTATIONS else None
     values = [float(getattr(TABLE_I[variant], metric)) for variant in (before, after)]
     return values[1] > values[0]

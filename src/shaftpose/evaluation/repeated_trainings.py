@@ -9,7 +9,7 @@ from shaftpose.evaluation import paper_order, report_tables
 from shaftpose.evaluation.ablation import VariantRow, variant_title
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.common_instruments import common_instruments, means_on
-from shaftpose.evaluation.figures import learning_curve_figure
+from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
 from shaftpose.evaluation.repeats import Scale, by_scale, distinctions, rows_of
 from shaftpose.evaluation.report import pipe_table, table_i_block
 from shaftpose.evaluation.report_tables import TABLE_I_METRICS
@@ -18,15 +18,16 @@ from shaftpose.evaluation.training_record import TrainingRecord
 INTRO = (
     "The trainings that `tools/evaluate_trainings.py` recorded in `reports/trainings`, and no "
     "others. Paper / ours; ours are means ± half the range over the seeds. Detected rate and "
-    "errors are at each model's own threshold, the one with the best F1 on the validation images."
+    "errors are at each model's own threshold, the one with the best F1 on the validation images; "
+    "errors are those of the instruments that were found."
 )
 ORDER = (
     "What each step of the paper's study changes, and whether the paper has it in the same "
     "direction. A difference within the spread is no larger than the half ranges of both values "
     "together (of a variant that was trained once: the largest known one). One beyond it is a "
-    "hint, no proof: chance alone holds two trainings apart from two others in one case of three. "
-    "Of B the paper says that its poses are less precise, and gives no numbers. Errors are those "
-    "of the instruments that were found: a variant that finds more of them may pay for it."
+    "hint, no proof: between so few trainings, chance often makes one. Of B the paper says only "
+    "that rotations in steps of 5 deg are not precise enough. A variant that finds more "
+    "instruments, the hard ones among them, may pay for it with larger errors."
 )
 COMMON = (
     "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "
@@ -68,14 +69,15 @@ def repeated_figures(records: Sequence[TrainingRecord], domain_label: str) -> di
 
 def _of_scale(scale: Scale, alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
     rows = rows_of(alike)
-    compared = report_tables.beside_paper(rows, domain_label)
+    columns = report_tables.TRAINING_COLUMNS
+    compared = report_tables.beside_paper(rows, domain_label, columns)
     seeds = ", ".join(
         f"{line.title}: {', '.join(map(str, row.seeds))}"
         for row, line in zip(rows, compared, strict=True)
     )
     return [
         f"{scale.sentence()} Seeds: {seeds}.",
-        table_i_block(compared),
+        table_i_block(compared, columns),
         *_order(rows, domain_label),
         *_common(alike, domain_label),
         f"Learning curves, one line for each training, on the validation images:\n\n"

@@ -33,12 +33,13 @@ class Scale(NamedTuple):
         """The scale for readers."""
         size, loss, training = (self.recipe[part] for part in ("size", "loss", "training"))
         planned = "" if self.steps == size["steps"] else f" of {size['steps']:,} planned"
+        frozen = max(0.0, 1 - size["steps"] * (1 - training["frozen_norm_share"]) / self.steps)
         return (
             f"{self.training_images:,} training images, {self.test_images:,} test images; "
             f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
             f"{size['width']:g}, precision {size['precision']}, learning rate "
             f"{size['learning_rate']:g}, batch normalisation frozen in the last "
-            f"{training['frozen_norm_share']:.0%}; loss weights alpha {loss['alpha']:g}, gamma "
+            f"{frozen:.0%}; loss weights alpha {loss['alpha']:g}, gamma "
             f"{loss['gamma']:g}, "
             f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."
         )

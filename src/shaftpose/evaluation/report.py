@@ -35,7 +35,7 @@ def blocks(report: AblationReport) -> list[str]:
         f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
         "## Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
-        table_i_block(report_tables.table_i(report)),
+        table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
         *report_tables.table_i_scale(report),
         "## Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
@@ -46,9 +46,9 @@ def blocks(report: AblationReport) -> list[str]:
     ]
 
 
-def table_i_block(rows: list[ComparedRow]) -> str:
-    """Lines of Table I as Markdown, paper values first."""
-    headings = ["Variant", *(column.heading for column in report_tables.TABLE_I_COLUMNS)]
+def table_i_block(rows: list[ComparedRow], columns: tuple[report_tables.Column, ...]) -> str:
+    """Lines of Table I, made of these columns, as Markdown, paper values first."""
+    headings = ["Variant", *(column.heading for column in columns)]
     return pipe_table(headings, [_pair_cells(row) for row in rows])
 
 

@@ -41,6 +41,8 @@ TABLE_I_METRICS = (
     Column("fps", "fps", 1),
 )
 TABLE_I_COLUMNS = SCALE + TABLE_I_METRICS
+# Without the speed, which does not depend on how a network was trained.
+TRAINING_COLUMNS = tuple(column for column in TABLE_I_COLUMNS if column.name != "fps")
 TABLE_II_COLUMNS = (
     Column("clear/detected_rate", "Clear: detected rate", 3),
     Column("clear/iou", "Clear: IoU", 3),
@@ -91,20 +93,24 @@ def champion_title(report: AblationReport) -> str:
 
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant beside the paper's row, then the constant predictor."""
-    rows = beside_paper(report.rows, report.domain_label, report.champion.variant)
+    champion = report.champion.variant
+    rows = beside_paper(report.rows, report.domain_label, TABLE_I_COLUMNS, champion)
     constant = ComparedRow("Constant predictor", None, cells(report.constant, TABLE_I_COLUMNS))
     return [*rows, constant]
 
 
 def beside_paper(
-    rows: Iterable[VariantRow], domain_label: str, champion: str = ""
+    rows: Iterable[VariantRow],
+    domain_label: str,
+    columns: tuple[Column, ...],
+    champion: str = "",
 ) -> list[ComparedRow]:
     """Variants beside the paper's rows, with `±` half the range if trained more than once."""
     return [
         ComparedRow(
             title=variant_title(row.variant, domain_label, row.title),
-            paper=_paper_cells(row.variant),
-            ours=cells(_measured(row), TABLE_I_COLUMNS, row.spread),
+            paper=_paper_cells(row.variant, columns),
+            ours=cells(_measured(row), columns, row.spread),
             champion=row.variant == champion,
         )
         for row in rows
@@ -187,13 +193,16 @@ def _mixed_in(row: VariantRow, domain_label: str) -> str:
 def table_ii_scale(report: AblationReport) -> list[str]:
     """Sentences that say at what scale Table II was measured, and on what."""
     scores = [score for sets in report.silhouette.values() for score in sets.values()]
-    images = _span(int(score.get("images") or 0) for score in scores)
-    instruments = _span(int(score.get("instruments") or 0) for score in scores)
+    images, instruments = (
+        _span(count for score in scores if (count := score[name]) is not None)
+        for name in ("images", "instruments")
+    )
     notes = [
         f"Paper: {paper_tables.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
         f"{instruments} instruments in each cell.",
         "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
-        "estimated poses, per image, averaged over images; 0 if nothing was detected.",
+        "estimated poses, per image, averaged over images; 0 if nothing was detected. Silhouettes "
+        "are whole: on occluded images, which hide a part of each shaft, no pose reaches 1.",
     ]
     if report.domain_label == STAND_IN:
         notes.append(
@@ -220,11 +229,11 @@ def cells(
     ]
 
 
-def _paper_cells(variant: str) -> list[str] | None:
+def _paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
     if variant not in paper_tables.TABLE_I:
         return None
     values = asdict(paper_tables.TABLE_I[variant])
-    return cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, TABLE_I_COLUMNS)
+    return cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, columns)
 
 
 def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:

@@ -32,6 +32,7 @@ SWEEPS = (
     f"line, the better its mAP. `{NO_VALUE}`: a variant does not have the setting, or nothing was "
     "found right, so that there is no error to measure."
 )
+SPEED = "What is aimed at in rendering, and what of it is reached, is in [scaling.md](scaling.md)."
 
 
 def to_page(
@@ -53,7 +54,7 @@ def to_page(
     if sweeps:
         parts += ["## Sweeps", SWEEPS, *_sweeps(sweeps)]
     if benchmarks:
-        parts += ["## Speed", *_speed(benchmarks)]
+        parts += ["## Speed", SPEED, *_speed(benchmarks)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from shaftpose.evaluation.figure_style import GRID, INK, new_figure
 
 NO_VALUE = "-"
+VARIANT = "variant.name"
 # Heights, of an axis' 1, at which its values begin and end, and at which those of a metric end that
 # some jobs lack: `-` is above them.
 _LOWEST, _HIGHEST, _HIGHEST_KNOWN = 0.04, 0.96, 0.84
@@ -25,17 +26,29 @@ class SweepJob:
     """One training of a sweep: its parameters as text and its last metrics, by name.
 
     A job may lack parameters that others have (the width of B's classes, say) and metrics that have
-    no value (pose errors, if it found nothing).
+    no value (pose errors, if it found nothing). `steps`: those that it took until its last
+    validation.
     """
 
     parameters: Mapping[str, str]
     metrics: Mapping[str, float]
+    steps: int = 0
 
 
 def swept_parameters(jobs: Sequence[SweepJob]) -> list[str]:
-    """The names of the parameters that are not the same in all jobs."""
+    """The names of the parameters that are not the same in all jobs.
+
+    Without what follows from the variant's name: the rest of its file.
+    """
     names = sorted({name for job in jobs for name in job.parameters})
-    return [name for name in names if len({job.parameters.get(name) for job in jobs}) > 1]
+    swept = [name for name in names if len({job.parameters.get(name) for job in jobs}) > 1]
+    return [n for n in swept if not (n.startswith("variant.") and _follows(jobs, n))]
+
+
+def _follows(jobs: Sequence[SweepJob], name: str) -> bool:
+    """Whether a parameter, not the variant's name itself, is the same in all jobs of a variant."""
+    pairs = {(job.parameters.get(VARIANT), job.parameters.get(name)) for job in jobs}
+    return name != VARIANT and len(pairs) == len({variant for variant, _ in pairs})
 
 
 def sweep_figure(jobs: Sequence[SweepJob], metrics: Sequence[str]) -> Figure:

@@ -1,6 +1,7 @@
 """What is kept of one training: its line of Table I, its errors, and its curves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -21,9 +22,9 @@ CURVES = tuple(
 class TrainingRecord:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`.
 
-    recipe: the settings in which trainings that are compared must agree, as the train stage notes
-    them: sizes, backbone, loss, ranges of poses, training. test_set: what it was evaluated on, see
-    `id_of_test_set`.
+    recipe: the settings in which trainings that are compared must agree: those that the train stage
+    notes, sizes, backbone, loss, ranges of poses, training, and those of detection. test_set: what
+    it was evaluated on, see `id_of_test_set`.
     """
 
     row: VariantRow
@@ -55,26 +56,37 @@ def validation_curves(curves: Sequence[Sequence[Any]]) -> list[tuple[int, str, f
     ]
 
 
+def last_validation(curves: Sequence[Sequence[Any]]) -> dict[str, float]:
+    """The metrics of a training's last validation, from rows of step, name, value."""
+    phase = "validation/"
+    rows = [(step, name, value) for step, name, value in curves if name.startswith(phase)]
+    last = max((step for step, _, _ in rows), default=None)
+    return {name.removeprefix(phase): value for step, name, value in rows if step == last}
+
+
 def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
     """What `as_plain` was made of; `file` is where it lies, for messages.
 
-    Raises InputError if a part is missing.
+    Raises InputError if it lacks a part.
     """
-    return TrainingRecord(
-        row=read_row(part_of(content, "row", file)),
-        recipe=part_of(content, "recipe", file),
-        test_set=part_of(content, "test_set", file),
-        binned_errors=from_plain(part_of(content, "binned_errors", file)),
-        found=FoundInstruments(**part_of(content, "found", file)),
-        curves=validation_curves(part_of(content, "curves", file)),
-    )
+    with whole(file, "record the training again with `tools/evaluate_trainings.py`"):
+        return TrainingRecord(
+            row=read_row(content["row"]),
+            recipe=content["recipe"],
+            test_set=content["test_set"],
+            binned_errors=from_plain(content["binned_errors"]),
+            found=FoundInstruments(**content["found"]),
+            curves=validation_curves(content["curves"]),
+        )
 
 
-def part_of(content: Mapping[str, Any], name: str, file: str) -> Any:
-    """A part of what was read from `file`. Raises InputError if it is missing."""
-    if name not in content:
-        raise InputError(f"{file}: lacks {name!r}, as files of older versions do; make it again")
-    return content[name]
+@contextmanager
+def whole(file: str, remedy: str) -> Iterator[None]:
+    """Raises InputError, naming the file and the remedy, if what is read inside lacks a part."""
+    try:
+        yield
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{file}: of another version, or damaged ({error}); {remedy}") from error
 
 
 def read_row(content: Mapping[str, Any]) -> VariantRow:
