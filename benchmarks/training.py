@@ -38,6 +38,7 @@ from benchmarks.machine import machine  # noqa: E402
 from shaftpose.batches import Batch, Targets  # noqa: E402
 from shaftpose.config import Size  # noqa: E402
 from shaftpose.dataset.skipped import SkippedImages  # noqa: E402
+from shaftpose.dataset.split import read_keys  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.network.curves import Curves  # noqa: E402
 from shaftpose.network.module import ShaftModule  # noqa: E402
@@ -109,7 +110,12 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[s
     """
     config = composed(profile)
     own, speeds = size(config), []
+    if own.precision not in ("32-true", "bf16-mixed"):
+        raise InputError(f"profile {profile}: the step alone is not timed in {own.precision}")
+    images = len(read_keys(Path("data/split"), "train"))
     for batch_size in BATCHES[device]:
+        if batch_size > images:
+            break
         sizes = replace(own, batch_size=batch_size, steps=WARM_UP + steps)
         try:
             speeds.append(timed(config, sizes, torch.device(device), rounds))
@@ -119,7 +125,10 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[s
         shown = "  ".join(f"{key} {value:g}" for key, value in speeds[-1].items())
         print(f"width {sizes.width:g}  {shown}", flush=True)
     if not speeds:
-        raise InputError(f"{profile}: a batch of {BATCHES[device][0]} does not fit on the {device}")
+        raise InputError(
+            f"profile {profile}: no batch of {BATCHES[device][0]} images: the {device} has too "
+            f"little memory for one, or data/split lists too few ({images})"
+        )
     best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
     result = {"precision": own.precision, **speeds[0]}
     return f"{own.width:g}", result | {"best_batch_size": best["batch_size"], "batches": speeds}
@@ -154,7 +163,11 @@ def composed(profile: str) -> Config:
 
 
 def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dict[str, float]:
-    """Speeds at one width and batch size: medians over blocks of each kind, in turns."""
+    """Speeds at one width and batch size: medians over blocks of each kind, in turns.
+
+    `loop_over_step` is the median of the rounds' own ratios: what else the machine does comes and
+    goes between rounds, but is much the same within one.
+    """
     module, steps = build_module(config, sizes), sizes.steps - WARM_UP
     batch = first_batch(config, sizes, device)
     loop, alone, assigning = [], [], []
@@ -164,11 +177,12 @@ def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dic
         alone.append(block_seconds(network_step(module, batch, sizes), steps) / steps)
         assigning.append(block_seconds(assignment(module, batch), steps) / steps)
     loop_s, step_s = statistics.median(loop), statistics.median(alone)
+    ratios = [step / whole for step, whole in zip(alone, loop, strict=True)]
     return {
         "batch_size": sizes.batch_size,
         "step_images_per_s": round(sizes.batch_size / step_s, 2),
         "loop_images_per_s": round(sizes.batch_size / loop_s, 2),
-        "loop_over_step": round(step_s / loop_s, 3),
+        "loop_over_step": round(statistics.median(ratios), 3),
         "matching_and_mining_share": round(statistics.median(assigning) / step_s, 4),
     }
 

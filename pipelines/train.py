@@ -18,6 +18,7 @@ from lightning.pytorch.callbacks import (
     TQDMProgressBar,
 )
 from lightning.pytorch.loggers import MLFlowLogger
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from networks import build_network, identity, variant
 from results import read_training, write_json
 from settings import size
@@ -38,6 +39,7 @@ from shaftpose.dataset.training_data import (
     Transform,
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.network.curves import Curves
 from shaftpose.network.last_checkpoint import LastCheckpoint
@@ -208,7 +210,8 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
     """One pass over the stream, validated every so many steps and after the last one, also when
     `max_hours` ends it.
 
-    folder: for checkpoints to go on from.
+    folder: for checkpoints to go on from. Raises InputError if the machine lacks what `trainer`
+    asks for.
     """
     settings = training_settings(config)
     assert sizes.precision != "auto"  # see `with_precision`
@@ -222,20 +225,23 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
     ]
     if settings.ema_decay is not None:
         callbacks.append(EMAWeightAveraging(use_buffers=False, decay=settings.ema_decay))
-    return Trainer(
-        **config["trainer"],
-        precision=sizes.precision,
-        max_epochs=1,
-        max_steps=sizes.steps,
-        val_check_interval=min(sizes.validate_every, sizes.steps),
-        log_every_n_steps=min(25, sizes.steps),
-        gradient_clip_val=settings.gradient_clip,
-        logger=[curves],
-        callbacks=callbacks,
-        default_root_dir=folder,
-        enable_model_summary=False,
-        use_distributed_sampler=False,  # `TrainingData` shares the batches out
-    )
+    try:
+        return Trainer(
+            **config["trainer"],
+            precision=sizes.precision,
+            max_epochs=1,
+            max_steps=sizes.steps,
+            val_check_interval=min(sizes.validate_every, sizes.steps),
+            log_every_n_steps=min(25, sizes.steps),
+            gradient_clip_val=settings.gradient_clip,
+            logger=[curves],
+            callbacks=callbacks,
+            default_root_dir=folder,
+            enable_model_summary=False,
+            use_distributed_sampler=False,  # `TrainingData` shares the batches out
+        )
+    except MisconfigurationException as error:
+        raise InputError(f"trainer = {config['trainer']}: {error}; see conf/trainer") from error
 
 
 class TimeLimit(Timer):

@@ -64,3 +64,12 @@ def test_the_picture_is_small() -> None:
     picture = (ROOT / "docs/images/architecture.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) < 200_000
+
+
+def test_what_classes_cost_by_hand() -> None:
+    """The distance of a value from the centre of its class is a quarter of the class on average."""
+    file = yaml.safe_load((ROOT / "conf/variant/b.yaml").read_text())
+    coder = architecture_tables.pose_coder(file)
+    errors = architecture_tables.rounding_errors(coder)  # type: ignore[arg-type]
+    expected = {"x_mm": 0.25, "y_mm": 0.25, "z_mm": 0.25, "pitch_deg": 1.25, "yaw_deg": 1.25}
+    assert {name: errors[name] for name in expected} == pytest.approx(expected, rel=0.03)

@@ -1,44 +1,58 @@
-"""Write the tables of docs/architecture.md: maps, default boxes, parameters and FLOPs.
+"""Write the tables of docs/architecture.md: maps, default boxes, sizes, and what classes cost.
 
 The networks are those that training builds: of the files of conf/variant, at the widths of
 conf/profiles.yaml. They are built without memory for their weights (torch's device `meta`).
 """
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 import yaml
 from hydra.utils import instantiate
 from torch import nn
+from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
 
 from shaftpose.config import PoseRanges, parse
 from shaftpose.errors import InputError
+from shaftpose.evaluation import report_tables
+from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.evaluation.report import pipe_table
 from shaftpose.network.default_boxes import BOXES_PER_CELL
 from shaftpose.network.heads import BOX_OFFSETS, CLASSES
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.pose_bins import BinCoder
+from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.shaft_network import ShaftNetwork
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/architecture.md"
 PROFILES = ("paper", "bench", "demo")
 IMAGE = (1, 3, 299, 299)
+POSES = 20_000  # whose rounding is averaged
+ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm", "_deg")))
 
 
 def main() -> None:
     """Put the tables into the page, between its markers."""
-    PAGE.write_text(with_tables(PAGE.read_text()))
+    try:
+        PAGE.write_text(with_tables(PAGE.read_text()))
+    except InputError as error:
+        sys.exit(f"error: {error}")
 
 
 def with_tables(page: str) -> str:
     """The page with what stands between its markers made anew."""
-    for name, table in {"maps": map_table, "networks": network_table}.items():
+    tables = {"maps": map_table, "networks": network_table, "rounding": rounding_table}
+    for name, table in tables.items():
         start, end = f"<!-- {name}: make architecture -->\n", f"<!-- end of {name} -->"
         if not 0 <= page.find(start) < page.find(end):
             raise InputError(f"{PAGE}: lacks the markers {start.strip()!r} and {end!r}; add them")
-        page = re.sub(f"{start}.*?{end}", f"{start}\n{table()}\n{end}", page, flags=re.DOTALL)
+        page = re.sub(f"{start}.*?{end}", f"{start}\n{table()}\n\n{end}", page, flags=re.DOTALL)
     return page
 
 
@@ -47,7 +61,8 @@ def map_table() -> str:
     with torch.device("meta"):
         backbones = [InceptionV4Features(width) for width in widths().values()]
     rows = [
-        [i + 1, stage, f"{size} x {size}", *channels, boxes, f"{size * size * boxes:,}"]
+        [str(i + 1), stage, f"{size} x {size}", *map(str, channels), str(boxes),
+         f"{size * size * boxes:,}"]
         for i, (stage, size, *channels, boxes) in enumerate(
             zip(
                 stages(backbones[0]), MAP_SIZES, *(b.channels for b in backbones), BOXES_PER_CELL,
@@ -57,7 +72,7 @@ def map_table() -> str:
     ]  # fmt: skip
     total = sum(size**2 * boxes for size, boxes in zip(MAP_SIZES, BOXES_PER_CELL, strict=True))
     headings = [f"Channels at width {width:g} ({name})" for name, width in widths().items()]
-    return markdown(
+    return pipe_table(
         ["Map", "Made by", "Size", *headings, "Boxes per cell", "Default boxes"],
         [*rows, ["", "all", "", *[""] * len(headings), "", f"{total:,}"]],
     )
@@ -84,15 +99,39 @@ def network_table() -> str:
             backbone, head = parameters(network.backbone), parameters(network.head)
             rows.append(
                 [
-                    names, values, CLASSES + BOX_OFFSETS + values, f"{width:g} ({profile})",
+                    names, str(values), str(CLASSES + BOX_OFFSETS + values),
+                    f"{width:g} ({profile})",
                     f"{backbone:,}", f"{head:,}", f"{backbone + head:,}", f"{flops(network):.2f}",
                 ]
             )  # fmt: skip
-    return markdown(
+    return pipe_table(
         ["Variant", "Pose values", "Values per box", "Width", "Backbone", "Head",
          "Parameters", "GFLOPs"],
         rows,
     )  # fmt: skip
+
+
+def rounding_table() -> str:
+    """Mean errors of networks whose poses are classes, if they always find the right ones."""
+    rows = []
+    for names, file in networks().items():
+        coder = pose_coder(file)
+        if isinstance(coder, BinCoder):
+            rows.append([names, *report_tables.cells(rounding_errors(coder), ERRORS)])
+    return pipe_table(["Variant", *(column.heading for column in ERRORS)], rows)
+
+
+def rounding_errors(coder: BinCoder) -> dict[str, float | None]:
+    """Mean errors of the centres of the right bins, by metric name.
+
+    Of poses drawn uniformly from the ranges of params.yaml.
+    """
+    ranges = pose_ranges()
+    true = np.random.default_rng(0).uniform(ranges.low, ranges.high, (POSES, len(ranges.low)))
+    right = coder.encode(torch.tensor(true, dtype=torch.float32)).unbind(-1)
+    logits = [one_hot(bins, count) for bins, count in zip(right, coder.bins, strict=True)]
+    decoded = coder.decode(torch.cat(logits, dim=-1))
+    return errors_between(decoded.double().numpy(), true).means()
 
 
 def widths() -> dict[str, float]:
@@ -115,11 +154,21 @@ def networks() -> dict[str, dict[str, Any]]:
 
 def build(file: dict[str, Any], width: float) -> ShaftNetwork:
     """The network of a variant, without memory for its weights."""
-    poses = yaml.safe_load((ROOT / "params.yaml").read_text())["poses"]
-    ranges = parse(PoseRanges, poses, "params.yaml: poses")
     with torch.device("meta"):
-        coder = instantiate(file["pose_coder"])(ranges.low, ranges.high)
-        return ShaftNetwork(InceptionV4Features(width), instantiate(file["head"]), coder).eval()
+        head = instantiate(file["head"])
+        return ShaftNetwork(InceptionV4Features(width), head, pose_coder(file)).eval()
+
+
+def pose_coder(file: dict[str, Any]) -> PoseCoder:
+    """How a variant codes poses of the ranges of params.yaml."""
+    coder: PoseCoder = instantiate(file["pose_coder"])(pose_ranges().low, pose_ranges().high)
+    return coder
+
+
+def pose_ranges() -> PoseRanges:
+    """Those of params.yaml."""
+    poses = yaml.safe_load((ROOT / "params.yaml").read_text())["poses"]
+    return parse(PoseRanges, poses, "params.yaml: poses")
 
 
 def parameters(module: nn.Module) -> int:
@@ -136,12 +185,6 @@ def flops(network: nn.Module) -> float:
     with torch.no_grad(), counter:
         network(torch.zeros(IMAGE, device="meta"))
     return counter.get_total_flops() / 1e9
-
-
-def markdown(headings: list[str], rows: list[list[Any]]) -> str:
-    """A table in Markdown, a line for each row."""
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "".join(f"| {' | '.join(str(cell) for cell in line)} |\n" for line in lines)
 
 
 if __name__ == "__main__":

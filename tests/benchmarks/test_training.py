@@ -15,6 +15,7 @@ from training import assignment, block_seconds, composed, network_step  # noqa: 
 
 from shaftpose.dataset.training_data import pad_batch  # noqa: E402
 from shaftpose.instruments import Annotations  # noqa: E402
+from tests.pipeline.small_data import write_training_data  # noqa: E402
 
 
 def test_widths_are_those_of_the_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,6 +32,21 @@ def test_what_is_wanted_is_held_against_what_was_measured() -> None:
     assert (matching["wanted"], matching["verdict"]) == ("< 0.05", "met")
     (narrow,) = training.verdicts({"0.25": speeds["1"]}, training.LOOP_AIM["cuda"])
     assert (narrow["width"], narrow["verdict"]) == ("0.25", "met")
+
+
+def test_both_speeds_of_each_batch_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_training_data(tmp_path)  # 8 images to train on
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(training, "BATCHES", {"cpu": (2, 4, 16)})
+    width, speeds = training.timed_profile("smoke", "cpu", steps=2, rounds=1)
+    assert (width, speeds["batch_size"]) == ("0.0625", 2)
+    assert [tried["batch_size"] for tried in speeds["batches"]] == [2, 4]
+    for tried in speeds["batches"]:
+        ratio = tried["loop_images_per_s"] / tried["step_images_per_s"]
+        assert tried["loop_over_step"] == pytest.approx(ratio, rel=0.02)
+        assert 0 < tried["matching_and_mining_share"] < 1
 
 
 def test_the_step_alone_trains(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,9 @@ def matched(boxes: list[list[float]], valid: list[bool]) -> list[int]:
 def test_overlap_from_the_threshold_on() -> None:
     # With the left half: 0.4 / 0.5 = 0.8; with the whole image: 0.4.
     assert matched([[0.0, 0.0, 0.4, 1.0]], [True]) == [0, -1, -1, -1]
+    # With the left half: all of it; with the whole image: just 0.5, and a little less.
+    assert matched([[0.0, 0.0, 0.5, 1.0]], [True]) == [0, -1, 0, -1]
+    assert matched([[0.0, 0.0, 0.49, 1.0]], [True]) == [0, -1, -1, -1]
     # With the left half 0.5 / 0.8 = 0.625; with the whole image 0.8.
     assert matched([[0.0, 0.0, 0.8, 1.0]], [True]) == [0, -1, 0, -1]
 

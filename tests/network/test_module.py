@@ -157,6 +157,16 @@ def test_loss_that_is_no_number_stops_the_training_and_shows_its_batch(
             np.testing.assert_array_equal(kept[name], values)
 
 
+def test_weights_that_are_no_numbers_are_not_saved(
+    module: ShaftModule, trainer: Trainer, tmp_path: Path
+) -> None:
+    trainer.fit(module, loader(1), loader(1))
+    next(module.network.parameters()).data.fill_(math.inf)
+    with pytest.raises(InputError, match="weights are no longer numbers at step"):
+        trainer.save_checkpoint(tmp_path / "last.ckpt")
+    assert not (tmp_path / "last.ckpt").exists()
+
+
 @pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
 def test_gradients_are_clipped_by_their_norm(
     module: ShaftModule, tmp_path: Path, precision: str

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from shaftpose.dataset.split import read_keys
+from shaftpose.network.curves import Curves
 from shaftpose.network.precision import native_precision
 from shaftpose.shards import shard_paths
 from tests.pipeline.conftest import ROOT
@@ -103,13 +104,36 @@ def test_a_batch_that_processes_cannot_share_is_refused(folder: Path) -> None:
 def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(folder: Path) -> None:
     key = read_keys(folder / "data/split", "train")[0]
     damage(folder, key)
-    stopped = run_stage(folder, *CPU)
+    stopped = run_stage(folder, *CPU, "training.loader_workers=1")
     assert stopped.returncode == 1
-    assert key in stopped.stderr.splitlines()[-1]
+    last = stopped.stderr.splitlines()[-1]
+    assert last.startswith("error: data/render/images/") and f"image {key} is damaged" in last
     assert not (folder / "models/d/model.ckpt").exists()
     passed_over = run_stage(folder, *CPU, "training.on_damaged=skip")
     assert passed_over.returncode == 0, passed_over.stderr
     assert facts(folder)["skipped_images"] == 1
+
+
+def test_the_loss_is_weighed_as_the_settings_say() -> None:
+    weights = ("loss.alpha=0.25", "loss.gamma=7", "loss.beta=[1,2,3,4,6]")
+    config = composed(*SIZES, *weights)
+    loss = train.build_module(config, settings.size(config)).loss
+    assert (loss.alpha, loss.gamma, loss.beta.tolist()) == (0.25, 7.0, [1, 2, 3, 4, 6])
+
+
+def test_the_trainer_has_the_precision_and_the_clipping_of_the_settings(tmp_path: Path) -> None:
+    config = composed(
+        *SIZES, *CPU, "training.gradient_clip=0.5", "profiles.smoke.precision=bf16-mixed"
+    )
+    trainer = train.build_trainer(config, settings.size(config), tmp_path, Curves())
+    assert (trainer.precision, trainer.gradient_clip_val) == ("bf16-mixed", 0.5)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_trainer_that_the_machine_cannot_have_is_named(folder: Path) -> None:
+    done = run_stage(folder, "trainer=gpu")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith("error: trainer = {'accelerator': 'gpu'")
 
 
 def test_the_network_is_compiled_if_the_settings_say_so(monkeypatch: pytest.MonkeyPatch) -> None:

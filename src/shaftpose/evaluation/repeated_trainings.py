@@ -26,7 +26,8 @@ ORDER = (
     "direction. A difference within the spread is no larger than the half ranges of both values "
     "together (of a variant that was trained once: the largest known one). One beyond it is a "
     "hint, no proof: between so few trainings, chance often makes one. Of B the paper says only "
-    "that rotations in steps of 5 deg are not precise enough. A variant that finds more "
+    "that rotations in steps of 5 deg are not precise enough; what classes cost at best is in "
+    "[architecture.md](architecture.md#sizes). A variant that finds more "
     "instruments, the hard ones among them, may pay for it with larger errors."
 )
 COMMON = (

@@ -98,7 +98,16 @@ class ShaftModule(LightningModule):
         return max(left, 0.0) ** DECAY_POWER
 
     def on_save_checkpoint(self, checkpoint: dict[str, object]) -> None:
-        """Write the network's identity beside its weights."""
+        """Write the network's identity beside its weights.
+
+        Raises InputError if they are no longer numbers: a gradient may overflow where the loss does
+        not, and from such a checkpoint no training goes on.
+        """
+        if not all(torch.isfinite(weight).all() for weight in self.network.parameters()):
+            raise InputError(
+                f"the weights are no longer numbers at step {self.global_step}, and are not saved: "
+                "lower the learning rate or lengthen the warm-up"
+            )
         checkpoint["identity"] = dict(self.identity)
 
     def _outputs(self, batch: Batch) -> HeadOutputs:
