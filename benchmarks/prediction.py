@@ -8,6 +8,7 @@ import json
 import statistics
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,35 +16,54 @@ import onnxruntime
 
 from benchmarks.machine import machine
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from shaftpose.images import Image
 from shaftpose.shards import ShardedDataset
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"
 BATCHES = (1, 4, 16)
 ROUNDS = 20
+# The threads of a model go on looking for work for a while, on cores that the next one needs.
+PAUSE_S = 0.1
 
 
 def main() -> None:
-    """Time all models side by side: each round runs every model at every batch size once."""
+    """Print and write the speeds of all models that `make repro` made."""
+    try:
+        predictors, images = inputs()
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    speeds = measure(predictors, images)
+    print("images/s   " + "".join(f"batch {batch:<4}" for batch in BATCHES))
+    for name in predictors:
+        print(f"{name:<14}" + "".join(f"{speeds[name, batch]:<10.1f}" for batch in BATCHES))
+    write(speeds)
+
+
+def inputs() -> tuple[dict[str, Predictor], Image]:
+    """The models by variant, and images (N, 299, 299, 3) for the largest batch."""
     models = sorted((ROOT / "models").glob("*/model.onnx"))
     if not models:
-        sys.exit("error: models/: no model.onnx in it; run `make repro`")
+        raise InputError("models/: no model.onnx in it; run `make repro`")
     shards = ShardedDataset(ROOT / "data/render/images")
     images = np.stack([shards.rgb(key) for key in shards.keys[: max(BATCHES)]])
-    predictors = {path.parent.name: Predictor(path) for path in models}
+    return {path.parent.name: Predictor(path) for path in models}, images
+
+
+def measure(predictors: Mapping[str, Predictor], images: Image) -> dict[tuple[str, int], float]:
+    """Images/s by variant and batch size, medians; each round runs every model at every batch size
+    once."""
     seconds: dict[tuple[str, int], list[float]] = {}
     for _ in range(ROUNDS + 1):
         for name, predictor in predictors.items():
+            time.sleep(PAUSE_S)
             for batch in BATCHES:
                 start = time.perf_counter()
                 predictor(images[:batch])
                 seconds.setdefault((name, batch), []).append(time.perf_counter() - start)
     # The first round warms up.
-    speeds = {key: key[1] / statistics.median(taken[1:]) for key, taken in seconds.items()}
-    print("images/s   " + "".join(f"batch {batch:<4}" for batch in BATCHES))
-    for name in predictors:
-        print(f"{name:<14}" + "".join(f"{speeds[name, batch]:<10.1f}" for batch in BATCHES))
-    write(speeds)
+    return {key: key[1] / statistics.median(taken[1:]) for key, taken in seconds.items()}
 
 
 def write(speeds: dict[tuple[str, int], float]) -> None:

@@ -7,6 +7,7 @@ writes nothing: `python -m benchmarks.render --quick throughput profile`.
 import argparse
 import json
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -16,6 +17,7 @@ from benchmarks.machine import machine
 from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
+from shaftpose.errors import InputError
 from shaftpose.rendering.jobs import RenderedSet
 
 OUT = ROOT / "benchmarks/results/render.json"
@@ -59,8 +61,11 @@ def main() -> None:
     arguments = _arguments()
     counts = QUICK if arguments.quick else FULL
     os.environ["OMP_NUM_THREADS"] = "1"
-    rendered = default_set()
-    found = {name: PARTS[name](rendered, counts) for name in PARTS if name in arguments.parts}
+    try:
+        rendered = default_set()
+        found = {name: PARTS[name](rendered, counts) for name in PARTS if name in arguments.parts}
+    except InputError as error:
+        sys.exit(f"error: {error}")
     print("\n".join(table(found)))
     if counts == FULL and found.keys() == PARTS.keys():
         OUT.write_text(json.dumps(_result(rendered, counts, found), indent=1) + "\n")

@@ -95,10 +95,17 @@ class Measured:
 def main() -> None:
     """Write the tables between their marks in docs/scaling.md."""
     try:
-        measured = from_json(Measured, RESULTS)
+        PAGE.write_text(with_tables(PAGE.read_text(), read_measured()))
     except InputError as error:
-        sys.exit(f"error: {error}; `make bench-render` writes it")
-    PAGE.write_text(with_tables(PAGE.read_text(), measured))
+        sys.exit(f"error: {error}")
+
+
+def read_measured() -> Measured:
+    """What the benchmark wrote. Raises InputError if it cannot be read."""
+    try:
+        return from_json(Measured, RESULTS)
+    except InputError as error:
+        raise InputError(f"{error}; `make bench-render` writes it") from error
 
 
 def with_tables(page: str, measured: Measured) -> str:

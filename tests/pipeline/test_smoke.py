@@ -127,6 +127,25 @@ def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run)
     assert run("dvc", "status", "train@c").stdout.strip() == ("Data and pipelines are up to date.")
 
 
+def test_trainings_of_a_sweep_are_recorded_at_the_confidence_of_their_models(
+    finished: Path, run: Run
+) -> None:
+    trained = run(
+        "python", "pipelines/train.py", "-m", "variant=c", "seed=8", "hydra.sweep.dir=again"
+    )
+    assert trained.returncode == 0, trained.stderr[-3000:]
+    replace_in(finished / "params.yaml", "confidence: null", "confidence: 0.99")
+    result = run("python", "tools/evaluate_trainings.py", "again/0")
+    replace_in(finished / "params.yaml", "confidence: 0.99", "confidence: null")
+    assert result.returncode == 0, result.stderr[-3000:]
+    (path,) = (finished / "reports/trainings").glob("c-8-*.json")
+    assert f"recorded in {path.relative_to(finished)}" in result.stdout
+    record = json.loads(path.read_text())
+    assert record["row"]["steps"] == 6
+    assert record["recipe"]["detection"]["confidence"] is None
+    assert 0 < record["row"]["metrics"]["confidence"] < 0.99
+
+
 def test_predict_prints_a_line_of_json_and_draws(finished: Path, run: Run) -> None:
     image = next((finished / "data/real/images").glob("*.jpg"))
     result = run(
