@@ -16,13 +16,13 @@ from shaftpose import tracking
 from shaftpose.dataset.split import read_keys
 from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.evaluation.accuracy_figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments, id_of_test_set
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
-from shaftpose.evaluation.test_set_figures import pose_error_figure, precision_recall_figure
 from shaftpose.images import Image, write_jpeg
 from shaftpose.shards import ShardedDataset
 

@@ -21,6 +21,7 @@ from shaftpose.evaluation.ablation import (
     variant_title,
 )
 from shaftpose.evaluation.ablation_figure import ablation_figure
+from shaftpose.evaluation.accuracy_figures import precision_recall_figure
 from shaftpose.evaluation.average_precision import PrecisionRecall
 from shaftpose.evaluation.binned_errors import from_plain
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
@@ -28,7 +29,6 @@ from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
 from shaftpose.evaluation.metrics import constant_predictor
 from shaftpose.evaluation.report import to_html, to_json, to_markdown
-from shaftpose.evaluation.test_set_figures import precision_recall_figure
 from shaftpose.evaluation.training_record import last_validation
 from shaftpose.instruments import Annotations
 from shaftpose.shards import ShardedDataset

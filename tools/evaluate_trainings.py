@@ -51,7 +51,7 @@ def check(folder: Path) -> None:
     """Raise InputError unless the folder holds a finished training on the images in data/."""
     training = noted(folder)
     with whole(str(folder / "training.json"), "train again"):
-        _, trained = training["recipe"], training["training_keys"]
+        trained, _ = training["training_keys"], training["recipe"]  # which `record` will need
     if trained != digest_of_keys(Path("data/split"), "train"):
         raise InputError(
             f"{folder}: was trained on other images than data/split lists: run `dvc repro split "

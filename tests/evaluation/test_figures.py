@@ -6,11 +6,11 @@ import numpy as np
 
 from shaftpose.evaluation.ablation import VariantRow
 from shaftpose.evaluation.ablation_figure import ablation_figure
+from shaftpose.evaluation.accuracy_figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.average_precision import PrecisionRecall
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
 from shaftpose.evaluation.pose_errors import errors_between
-from shaftpose.evaluation.test_set_figures import pose_error_figure, precision_recall_figure
 
 
 def row(variant: str, **metrics: float | None) -> VariantRow:

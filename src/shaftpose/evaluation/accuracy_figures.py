@@ -1,4 +1,4 @@
-"""Figures of a test set: how precise detections are, and where poses err."""
+"""Figures of the accuracy on a test set: how precise detections are, and where poses err."""
 
 from collections.abc import Mapping
 
