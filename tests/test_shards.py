@@ -358,6 +358,27 @@ def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
         ShardedDataset(tmp_path).annotations("000000000")
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("gt_info.json", b"[3, 5, 17, 4]", b"[3, 5, 17   ]"),
+        ("gt_info.json", b"bbox_visib", b"bbox_visit"),
+        ("shaft.json", b"yaw_deg", b"yow_deg"),
+    ],
+)
+def test_annotations_that_are_json_and_yet_wrong_are_named(
+    tmp_path: Path, name: str, old: bytes, new: bytes
+) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    found = read_member(path, f"000000000.{name}").find(old)
+    assert found >= 0
+    overwrite(path, member(path, f"000000000.{name}").offset_data + found, new)
+    with pytest.raises(InputError, match="annotations of 000000000 are damaged") as caught:
+        ShardedDataset(tmp_path).annotations("000000000")
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
     write_shard(tmp_path / shard_name(0), [make_sample(0)])
     with pytest.raises(InputError, match="000000009.rgb.jpg is missing"):

@@ -274,10 +274,11 @@ class ShardedDataset:
 
     def annotations(self, key: str) -> Annotations:
         """Visible boxes and poses of one image, without decoding image or masks."""
+        facts, infos = self.facts(key), self._json(key, "gt_info.json")
         try:
-            poses = [ShaftPose(**shaft).as_array() for shaft in self.facts(key)["shafts"]]
-            boxes = [_corners(info["bbox_visib"]) for info in self._json(key, "gt_info.json")]
-        except (KeyError, TypeError) as error:
+            poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
+            boxes = [_corners(info["bbox_visib"]) for info in infos]
+        except (KeyError, TypeError, ValueError) as error:
             path = self._location(key, "gt_info.json").path
             message = f"{path}: the annotations of {key} are damaged; {render_anew([path])}"
             raise InputError(message) from error
