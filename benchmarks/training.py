@@ -116,7 +116,7 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[s
     for batch_size in BATCHES[device]:
         if batch_size > images:
             break
-        sizes = replace(own, batch_size=batch_size, steps=WARM_UP + steps)
+        sizes = replace(own, batch_size=batch_size, steps=WARM_UP + steps, warmup_steps=0)
         try:
             speeds.append(timed(config, sizes, torch.device(device), rounds))
         except torch.OutOfMemoryError:

@@ -7,21 +7,13 @@ from settings import parse_variant, size
 from stage import Config
 
 from shaftpose.config import PoseRanges, Variant, parse
-from shaftpose.errors import InputError
 from shaftpose.network.checkpoint import load_network_weights
 from shaftpose.network.shaft_network import ShaftNetwork
 
 
 def variant(config: Config) -> Variant:
     """What distinguishes the chosen variant. Raises InputError if its file is wrong."""
-    file = config["variant_file"]
-    chosen = parse_variant(config["variant"], file)
-    if chosen.name != file:
-        raise InputError(
-            f"conf/variant/{file}.yaml: name = {chosen.name!r}: must be the file's name, for "
-            "outputs bear it"
-        )
-    return chosen
+    return parse_variant(config["variant"], config["variant_file"])
 
 
 def identity(config: Config) -> dict[str, str | float]:

@@ -1,6 +1,5 @@
 """Stage `real_images`: images with boxes but no poses, the user's or a rendered stand-in."""
 
-import json
 import logging
 import shutil
 from itertools import islice
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from render import CLEAR, OCCLUDED, by_path, images_per_shard
+from results import write_json
 from settings import cluster_settings, render_settings, size
 from stage import SCRATCH, Config, stage
 
@@ -44,7 +44,7 @@ def main(config: Config) -> None:
             write_stand_in(config, out)
         else:
             copy_real(Path(source), out)
-        (out / "about.json").write_text(json.dumps({"domain": domain}) + "\n")
+        write_json(out / "about.json", {"domain": domain})
     counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
     logger.info("%s images %s are in %s", domain, counts, out)
 

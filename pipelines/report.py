@@ -30,6 +30,7 @@ from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
 from shaftpose.evaluation.metrics import constant_predictor
 from shaftpose.evaluation.report import to_html, to_json, to_markdown
 from shaftpose.evaluation.training_record import last_validation
+from shaftpose.files import new_file
 from shaftpose.instruments import Annotations
 from shaftpose.shards import ShardedDataset
 
@@ -119,9 +120,10 @@ def draw_figures(
 
 def write_report(report: AblationReport, out: Path) -> None:
     """The three forms of the report."""
-    (out / "ablation.md").write_text(to_markdown(report))
-    (out / "ablation.json").write_text(to_json(report))
-    (out / "ablation.html").write_text(to_html(report))
+    forms = {"md": to_markdown, "json": to_json, "html": to_html}
+    for suffix, write in forms.items():
+        with new_file(out / f"ablation.{suffix}") as part:
+            part.write_text(write(report))
 
 
 def register(config: Config, results: dict[str, Any], champion: Champion) -> None:

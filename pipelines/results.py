@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 
 
 def write_json(path: Path, content: Any) -> None:
     """Write `content`, making the folder if needed; a file that is there is whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1) + "\n")
-    part.replace(path)
+    with new_file(path) as part:
+        part.write_text(json.dumps(content, indent=1) + "\n")
 
 
 def read_json(path: Path, remedy: str) -> Any:

@@ -1,6 +1,6 @@
 """From the composed configuration to the package's checked settings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -13,9 +13,11 @@ from shaftpose.config import (
     LossSettings,
     RealSettings,
     RenderSettings,
+    ReportSettings,
     RunSettings,
     Size,
     SplitSettings,
+    TrackingSettings,
     TrainingSettings,
     Variant,
     parse,
@@ -38,26 +40,36 @@ def check(config: Config) -> None:
     stand_in = parse(RealSettings, config["real"], "params.yaml: real").stand_in
     where = "params.yaml: real.stand_in."
     render_settings(config, where, scene=stand_in.scene, lens=stand_in.lens)
-    for name in config["variants"]:
-        check_variant(name)
     parts = {
         "backgrounds": BackgroundSettings,
         "split": SplitSettings,
         "loss": LossSettings,
         "training": TrainingSettings,
         "detection": DetectionSettings,
+        "report": ReportSettings,
+        "tracking": TrackingSettings,
     }
     for name, kind in parts.items():
         parse(kind, config[name], f"params.yaml: {name}")
-    run = {
-        "seed": config["seed"],
-        "champion_margin": config["report"]["champion_margin"],
-    }
-    parse(RunSettings, run, "params.yaml")
+    run = {"seed": config["seed"], "variants": config["variants"]}
+    check_variants(parse(RunSettings, run, "params.yaml").variants)
 
 
-def check_variant(name: str) -> None:
-    """Parse the file of a variant.
+def check_variants(names: Sequence[str]) -> None:
+    """Parse the files of variants. Raises InputError if two cannot be told apart in the report."""
+    named: dict[str, str] = {}
+    for name in names:
+        title = read_variant(name).title
+        if title in named:
+            raise InputError(
+                f"conf/variant/{name}.yaml: title = {title!r}: conf/variant/{named[title]}.yaml "
+                "has it, too; give each variant its own, and list it once in params.yaml"
+            )
+        named[title] = name
+
+
+def read_variant(name: str) -> Variant:
+    """What distinguishes the variant of a name.
 
     Raises InputError if there is no such file or a value is wrong.
     """
@@ -65,19 +77,24 @@ def check_variant(name: str) -> None:
     if not path.is_file():
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
         raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
-    parse_variant(yaml.safe_load(path.read_text()), name)
+    return parse_variant(yaml.safe_load(path.read_text()), name)
 
 
 def parse_variant(values: Mapping[str, Any], file: str) -> Variant:
     """What distinguishes the variant of conf/variant/`file`.yaml, but for what Hydra builds.
 
-    Raises InputError if a part is missing or a value is wrong.
+    Raises InputError if a part is missing, a value is wrong, or its name is not the file's.
     """
     where = f"conf/variant/{file}.yaml"
     for part in _BUILT:
         if part not in values:
             raise InputError(f"{where}: {part} is missing; take it over from another variant")
-    return parse(Variant, {k: v for k, v in values.items() if k not in _BUILT}, where)
+    chosen = parse(Variant, {k: v for k, v in values.items() if k not in _BUILT}, where)
+    if chosen.name != file:
+        raise InputError(
+            f"{where}: name = {chosen.name!r}: must be the file's name, for outputs bear it"
+        )
+    return chosen
 
 
 def size(config: Config) -> Size:
@@ -105,7 +122,6 @@ def render_settings(
     values = {
         **parts,
         "samples": config["size"]["samples"],
-        "jpeg_quality": config["render"]["jpeg_quality"],
-        "device": config["render"]["device"],
+        **config["render"],
     }
     return parse(RenderSettings, values, "params.yaml: render")

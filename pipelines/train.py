@@ -40,6 +40,7 @@ from shaftpose.dataset.training_data import (
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
 from shaftpose.errors import InputError
+from shaftpose.files import naming_full_disk
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.network.curves import Curves
 from shaftpose.network.last_checkpoint import LastCheckpoint
@@ -80,7 +81,7 @@ def main(config: Config) -> None:
     if not trainer.is_global_zero:
         fit(trainer, module, data, folder, out)
         return
-    with kept(folder) as training_id:
+    with naming_full_disk(folder), kept(folder) as training_id:
         (out / FACTS).unlink(missing_ok=True)  # of another training, whose files are overwritten
         logger.info(
             "training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size
@@ -240,8 +241,9 @@ def build_trainer(config: Config, sizes: Size, folder: Path, curves: Curves) -> 
             enable_model_summary=False,
             use_distributed_sampler=False,  # `TrainingData` shares the batches out
         )
-    except MisconfigurationException as error:
-        raise InputError(f"trainer = {config['trainer']}: {error}; see conf/trainer") from error
+    except (MisconfigurationException, ValueError) as error:
+        reason = " ".join(str(error).split())  # of several lines
+        raise InputError(f"trainer = {config['trainer']}: {reason}; see conf/trainer") from error
 
 
 class TimeLimit(Timer):

@@ -17,6 +17,7 @@ from stage import SCRATCH, Config
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import read_keys
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 from shaftpose.shards import shard_paths
 
 LAST_CHECKPOINT = "last.ckpt"
@@ -57,9 +58,8 @@ def _held(path: Path) -> AcquireReturnProxy:
 
 def _training_id(note: Path) -> str:
     if not note.is_file():
-        part = note.with_suffix(".part")
-        part.write_text(uuid.uuid4().hex)
-        part.replace(note)
+        with new_file(note) as part:
+            part.write_text(uuid.uuid4().hex)
     return note.read_text()
 
 

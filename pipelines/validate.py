@@ -17,6 +17,7 @@ from shaftpose.dataset.set_checks import ExpectedSet, check_sets
 from shaftpose.deployment.overlay import contact_sheet, draw_sample, spread
 from shaftpose.evaluation.distributions import Distribution, distribution_figure
 from shaftpose.evaluation.figure_style import save_figure
+from shaftpose.files import new_file
 from shaftpose.images import write_jpeg
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import ShardedDataset
@@ -35,7 +36,8 @@ def main(config: Config) -> None:
     card = {name: statistics(images) for name, images in checked.items()}
     pictures = draw(checked["images"], settings, out)
     write_json(out / "metrics.json", card)
-    (out / "data_card.md").write_text(to_markdown(card, ranges(settings), pictures))
+    with new_file(out / "data_card.md") as part:
+        part.write_text(to_markdown(card, ranges(settings), pictures))
     sources = {image.key: image.source for image in checked["images"]}
     write_json(Path(config["results"]) / "sources.json", sources)
     for name, images in checked.items():

@@ -16,6 +16,7 @@ GROUND_FLOOR = (
     "shards",
     "config",
     "errors",
+    "files",
     "instruments",
     "images",
     "batches",

@@ -12,6 +12,7 @@ from shaftpose.config import (
     ClusterSettings,
     LensSettings,
     LossSettings,
+    PoseRanges,
     RenderSettings,
     SceneSettings,
     ShaftSettings,
@@ -208,6 +209,28 @@ def test_every_profile_is_a_size() -> None:
 def test_a_size_that_is_never_validated_is_refused() -> None:
     message = complaint(Size, {**PROFILES["smoke"], "validate_every": 0})
     assert message.startswith("params.yaml: part.validate_every = 0: ")
+
+
+def test_a_warm_up_as_long_as_the_training_is_refused() -> None:
+    message = complaint(Size, {**PROFILES["smoke"], "steps": 300, "warmup_steps": 300})
+    assert message == "params.yaml: part: warmup_steps = 300 must be less than steps = 300"
+
+
+@pytest.mark.parametrize(
+    ("key", "allowed", "refused"),
+    [
+        ("pitch_deg", [0.0, 180.0], [-20.0, 90.0]),
+        ("pitch_deg", [0.0, 180.0], [50.0, 190.0]),
+        ("yaw_deg", [-180.0, 180.0], [0.0, 361.0]),
+    ],
+)
+def test_ranges_in_which_a_shaft_has_two_poses_are_refused(
+    key: str, allowed: list[float], refused: list[float]
+) -> None:
+    parse(PoseRanges, {**PARAMS["poses"], key: allowed}, "here")
+    message = complaint(PoseRanges, {**PARAMS["poses"], key: refused})
+    assert message.startswith(f"params.yaml: part.{key} = {refused}: ")
+    assert message.endswith("others are the same shaft once more")
 
 
 def test_pose_ranges_in_order() -> None:

@@ -66,6 +66,18 @@ def _qualities(pair: tuple[int, int]) -> tuple[int, int]:
     return pair
 
 
+def _half_turn(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < 0 or pair[1] > 180:
+        raise ValueError("both ends must lie in [0, 180] deg: others are the same shaft once more")
+    return pair
+
+
+def _one_turn(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[1] - pair[0] > 360:
+        raise ValueError("must span 360 deg at most: others are the same shaft once more")
+    return pair
+
+
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
 PositiveRange = Annotated[Range, AfterValidator(_not_negative)]
 SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
@@ -97,8 +109,8 @@ class PoseRanges:
     x_mm: SpreadRange
     y_mm: SpreadRange
     z_mm: Annotated[SpreadRange, AfterValidator(_above_zero)]  # in front of the camera
-    pitch_deg: SpreadRange
-    yaw_deg: SpreadRange
+    pitch_deg: Annotated[SpreadRange, AfterValidator(_half_turn)]
+    yaw_deg: Annotated[SpreadRange, AfterValidator(_one_turn)]
 
     @property
     def low(self) -> tuple[float, ...]:
@@ -292,6 +304,12 @@ class Size:
     learning_rate: Positive
     precision: Literal["auto", "32-true", "bf16-mixed", "16-mixed"]
 
+    def __post_init__(self) -> None:
+        if not self.warmup_steps < self.steps:
+            raise ValueError(
+                f"warmup_steps = {self.warmup_steps} must be less than steps = {self.steps}"
+            )
+
 
 @dataclass(frozen=True, config=_STRICT)
 class BackgroundSettings:
@@ -393,11 +411,26 @@ class DetectionSettings:
 
 
 @dataclass(frozen=True, config=_STRICT)
+class ReportSettings:
+    """How the champion is chosen: see `shaftpose.evaluation.ablation`."""
+
+    champion_margin: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrackingSettings:
+    """Where MLflow keeps its records: see `shaftpose.tracking.connect`."""
+
+    uri: str | None
+    experiment: Annotated[str, Field(min_length=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
 class RunSettings:
-    """What is no part of a stage's own settings."""
+    """What is no part of a stage's own settings; variants: files of conf/variant/ to compare."""
 
     seed: Annotated[int, Field(ge=0, lt=2**31)]
-    champion_margin: Annotated[float, Field(ge=0)]
+    variants: Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:

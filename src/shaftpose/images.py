@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 
 Image = NDArray[np.uint8]
 
@@ -45,8 +46,8 @@ def encode_jpeg(rgb: Image, quality: int) -> bytes:
 
 def write_jpeg(rgb: Image, path: Path, quality: int = 95) -> None:
     """Write an image, making the folder if needed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(encode_jpeg(rgb, quality))
+    with new_file(path) as part:
+        part.write_bytes(encode_jpeg(rgb, quality))
 
 
 def centre_square(image: Image, size_px: int) -> Image:

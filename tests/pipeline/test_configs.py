@@ -55,6 +55,12 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
         ("scene.roughness=[0,2]", "params.yaml: scene.roughness = "),
         ("real.stand_in.scene.roughness=[0,2]", "params.yaml: real.stand_in.scene.roughness = "),
         ("~real.stand_in.lens", "params.yaml: real.stand_in.lens is missing; add it"),
+        ("+render.denoise=true", "params.yaml: render.denoise = True: "),
+        ("+tracking.url=http://127.0.0.1", "params.yaml: tracking.url = 'http://127.0.0.1': "),
+        ("report.champion_margin=-1", "params.yaml: report.champion_margin = -1: "),
+        ("variants=d_noise", "params.yaml.variants = 'd_noise': "),
+        ("variants=[]", "params.yaml.variants = []: "),
+        ("variants=[c,d,c]", "conf/variant/c.yaml: title = 'C': conf/variant/c.yaml has it, too"),
     ],
 )
 def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> None:
@@ -80,6 +86,12 @@ def test_classes_follow_the_steps_and_the_ranges() -> None:
     network = networks.build_network(composed("variant=b", "profile=smoke", steps, ranges))
     assert isinstance(network.pose_coder, BinCoder)
     assert network.pose_coder.bins == (20, 20, 5, 4, 36)
+
+
+def test_a_variant_that_is_not_called_as_its_file_is_named() -> None:
+    config = composed("variant=b", "profile=smoke", "variant.name=d")
+    with pytest.raises(InputError, match="conf/variant/b.yaml: name = 'd': must be the file's"):
+        networks.variant(config)
 
 
 @pytest.mark.parametrize("part", ["head", "pose_coder"])

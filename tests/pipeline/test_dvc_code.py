@@ -23,6 +23,7 @@ PLUMBING = frozenset(
         "pipelines/stage.py",
         "src/shaftpose/config.py",
         "src/shaftpose/errors.py",
+        "src/shaftpose/files.py",
         "src/shaftpose/nested.py",
         "src/shaftpose/sweep.py",
         "src/shaftpose/tracking.py",

@@ -133,7 +133,17 @@ def test_the_trainer_has_the_precision_and_the_clipping_of_the_settings(tmp_path
 def test_a_trainer_that_the_machine_cannot_have_is_named(folder: Path) -> None:
     done = run_stage(folder, "trainer=gpu")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("error: trainer = {'accelerator': 'gpu'")
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("error: trainer = {'accelerator': 'gpu'")
+    assert last.endswith("; see conf/trainer")
+
+
+def test_a_trainer_that_does_not_exist_is_named(folder: Path) -> None:
+    done = run_stage(folder, "trainer=cpu", "trainer.accelerator=abacus")
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("error: trainer = {'accelerator': 'abacus'")
+    assert last.endswith("; see conf/trainer")
 
 
 def test_the_network_is_compiled_if_the_settings_say_so(monkeypatch: pytest.MonkeyPatch) -> None:

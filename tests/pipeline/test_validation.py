@@ -109,7 +109,9 @@ def curves(
     folder: Path, detections: Sequence[Detections], steps: int, validate_every: int
 ) -> dict[int, dict[str, float]]:
     """Step -> what its validation logged, in a training of `steps`."""
-    sizes = replace(parse(Size, SMOKE, "smoke"), steps=steps, validate_every=validate_every)
+    sizes = replace(
+        parse(Size, SMOKE, "smoke"), steps=steps, warmup_steps=0, validate_every=validate_every
+    )
     answers = [padded(detections[n : n + BATCH]) for n in range(0, len(KNOWN), BATCH)]
     rows = Curves()
     trainer = train.build_trainer(CPU, sizes, folder, rows)

@@ -19,7 +19,6 @@ from shaftpose.rendering.jobs import (
     RenderedSet,
     Shard,
     link_shards,
-    naming_full_disk,
     read_set,
     write_set,
 )
@@ -117,21 +116,6 @@ def test_a_run_killed_while_it_copies_leaves_no_half_shard_under_its_final_name(
     link_shards([shard], out)
     assert [found.name for found in out.iterdir()] == [path.name]
     assert (out / path.name).read_bytes() == path.read_bytes()
-
-
-def test_a_full_disk_is_named_with_the_remedy(tmp_path: Path) -> None:
-    with (
-        pytest.raises(InputError, match="No space left on device; make room") as caught,
-        naming_full_disk(tmp_path),
-        open("/dev/full", "w") as full,
-    ):
-        full.write("to a disk without room")
-    assert str(caught.value).startswith(f"{tmp_path}: ")
-
-
-def test_other_errors_of_a_disk_stay_what_they_are(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError), naming_full_disk(tmp_path):
-        (tmp_path / "missing").read_text()
 
 
 def test_fingerprint_changes_with_whatever_changes_the_images(

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, AliasPath, ConfigDict, Field
 
 from shaftpose.config import PositiveInt, parse
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 from shaftpose.images import Image, centre_square, read_rgb
 from shaftpose.shards import decode_mask
 
@@ -330,4 +331,5 @@ def write_coco(
                     "attributes": {"occluded": sample.occluded},
                 }
             )
-    path.write_text(json.dumps(content, indent=1) + "\n")
+    with new_file(path) as part:
+        part.write_text(json.dumps(content, indent=1) + "\n")

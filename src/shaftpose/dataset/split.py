@@ -10,6 +10,7 @@ import numpy as np
 
 from shaftpose.config import SplitSettings
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 
 PARTS = ("train", "validation", "test")
 
@@ -92,9 +93,8 @@ def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
 
 def write_split(split: Split, folder: Path) -> None:
     """One CSV file of keys for each part."""
-    folder.mkdir(parents=True, exist_ok=True)
     for part in PARTS:
-        with (folder / f"{part}.csv").open("w", newline="") as stream:
+        with new_file(folder / f"{part}.csv") as file, file.open("w", newline="") as stream:
             rows = csv.writer(stream, lineterminator="\n")
             rows.writerow(["key"])
             rows.writerows([key] for key in getattr(split, part))

@@ -13,6 +13,7 @@ from onnxscript import opset20
 from torch import nn
 
 from shaftpose.deployment.predictor import CONFIDENCE, SHAFT_DIAMETER_MM, VIEW_DEG
+from shaftpose.files import new_file
 
 OPSET = 20
 # Its type hints refuse the Python numbers and lists that it accepts.
@@ -41,7 +42,8 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
             verbose=False,
         )
     assert program is not None
-    program.save(path, external_data=False)
+    with new_file(path) as part:
+        program.save(part, external_data=False)
 
 
 def store_metadata(
@@ -53,7 +55,8 @@ def store_metadata(
     model = onnx.load(str(path))
     stated = {key: repr(value) for key, value in known.items() if value is not None}
     onnx.helper.set_model_props(model, stated)
-    onnx.save(model, str(path))
+    with new_file(path) as part:
+        onnx.save(model, str(part), format="protobuf")
 
 
 def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:

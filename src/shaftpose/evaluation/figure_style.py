@@ -7,6 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from shaftpose.files import new_file
+
 # Okabe and Ito's colours stay apart under every common colour blindness; line styles help in grey.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 LINE_STYLES = ("-", "--", "-.", ":")
@@ -52,5 +54,5 @@ def line_style(index: int) -> dict[str, Any]:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a PNG whose bytes depend on the figure alone: no date, no software version."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, format="png", dpi=150, facecolor="white", metadata={"Software": None})
+    with new_file(path) as part:
+        figure.savefig(part, format="png", dpi=150, facecolor="white", metadata={"Software": None})

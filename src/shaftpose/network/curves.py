@@ -7,6 +7,8 @@ from typing import Any
 
 from lightning.pytorch.loggers.logger import Logger
 
+from shaftpose.files import new_file
+
 
 class Curves(Logger):
     """Collects what Lightning logs as rows of step, name, value.
@@ -39,7 +41,7 @@ class Curves(Logger):
 
     def write(self, path: Path) -> None:
         """Write all rows as CSV."""
-        with path.open("w", newline="") as stream:
+        with new_file(path) as part, part.open("w", newline="") as stream:
             table = csv.writer(stream, lineterminator="\n")
             table.writerow(["step", "name", "value"])
             table.writerows(self.rows)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.files import new_file
 from shaftpose.rendering.shapes import Shape
 from shaftpose.shards import SHAFT_OBJECT_ID
 
@@ -18,7 +19,6 @@ def write_models(folder: Path, shape: Shape) -> None:
 
     The diagonal of the rod that holds the mesh stands for the greatest distance of two vertices.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     vertices_mm = shape.mesh.vertices
     low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
     info: dict[str, dict[str, Any]] = {
@@ -32,16 +32,11 @@ def write_models(folder: Path, shape: Shape) -> None:
         info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
             {"axis": [0, 0, 1], "offset": [0, 0, 0]}
         ]
-    _replace_text(folder / "models_info.json", json.dumps(info, indent=1))
+    with new_file(folder / "models_info.json") as path:
+        path.write_text(json.dumps(info, indent=1) + "\n")
     ply = "\n".join(_ply_lines(vertices_mm, _triangles(shape.mesh.faces)))
-    _replace_text(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply", ply)
-
-
-def _replace_text(path: Path, text: str) -> None:
-    """Write a new file in the place of what was there: that may be a hard link into DVC's cache,
-    which must not change."""
-    path.unlink(missing_ok=True)
-    path.write_text(f"{text}\n")
+    with new_file(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply") as path:
+        path.write_text(f"{ply}\n")
 
 
 def _triangles(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:

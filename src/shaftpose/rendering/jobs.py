@@ -4,13 +4,11 @@ Finished shards live in a scratch folder whose name is the fingerprint of everyt
 the images. An interrupted render, run again, therefore continues; a changed setting starts anew.
 """
 
-import errno
 import hashlib
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
@@ -18,7 +16,7 @@ from pathlib import Path
 
 import shaftpose
 from shaftpose.config import RenderSettings, from_json, to_json
-from shaftpose.errors import InputError
+from shaftpose.files import new_file
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.shards import holds, sample_key, shard_name
 
@@ -142,23 +140,5 @@ def _link_or_copy(source: Path, target: Path) -> None:
     try:
         os.link(source, target)
     except OSError:
-        part = target.with_name(f"{target.name}.part")
-        try:
+        with new_file(target) as part:
             shutil.copyfile(source, part)
-            part.replace(target)
-        finally:
-            part.unlink(missing_ok=True)
-
-
-@contextmanager
-def naming_full_disk(folder: Path) -> Iterator[None]:
-    """Turn the error of a full disk or an exhausted quota into an InputError naming `folder`."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-            raise
-        raise InputError(
-            f"{folder}: {error.strerror}; make room there and run it again: finished shards are "
-            "kept"
-        ) from error

@@ -11,14 +11,8 @@ from distributed import Client, Future, KilledWorker, as_completed
 from tqdm import tqdm
 
 from shaftpose.errors import InputError
-from shaftpose.rendering.jobs import (
-    RenderedSet,
-    Shard,
-    link_shards,
-    naming_full_disk,
-    software,
-    write_set,
-)
+from shaftpose.files import naming_full_disk
+from shaftpose.rendering.jobs import RenderedSet, Shard, link_shards, software, write_set
 from shaftpose.rendering.locks import alone_in
 from shaftpose.rendering.shard_task import Run, render_shard
 

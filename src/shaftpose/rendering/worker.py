@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from shaftpose.errors import InputError
+from shaftpose.files import naming_full_disk
 from shaftpose.rendering import cad
-from shaftpose.rendering.jobs import RenderedSet, Shard, naming_full_disk, read_set
+from shaftpose.rendering.jobs import RenderedSet, Shard, read_set
 from shaftpose.shards import ShardWriter
 
 if TYPE_CHECKING:

@@ -1,0 +1,39 @@
+"""Files that are whole or not there, and disks that are full."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from shaftpose.errors import InputError
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """A path to write to, beside `path`, which becomes `path` when it is whole; makes the folder if
+    needed.
+
+    A file that was there is not written to but replaced: it may be a hard link into DVC's cache,
+    which must not change.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming_full_disk(folder: Path) -> Iterator[None]:
+    """Turn the error of a full disk or an exhausted quota into an InputError naming `folder`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(
+            f"{folder}: {error.strerror}; make room there and run it again: finished shards and "
+            "the last checkpoint are kept"
+        ) from error
