@@ -13,13 +13,14 @@ from results import read_training, write_json
 from stage import Config, stage
 
 from shaftpose import tracking
+from shaftpose.config import PoseRanges, parse
 from shaftpose.dataset.split import read_keys
 from shaftpose.deployment.overlay import prediction_sheet
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.accuracy_figures import pose_error_figure, precision_recall_figure
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
-from shaftpose.evaluation.common_instruments import found_instruments, id_of_test_set
+from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.figure_style import save_figure
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
@@ -53,17 +54,16 @@ def main(config: Config) -> None:
     )
     errors = pose_errors(found, known, confidence)
     visible = np.array([part for key in keys for part in shards.visible_fractions(key)])
+    ranges = parse(PoseRanges, config["poses"], "params.yaml: poses")
     figures = write_figures(out / "figures", chosen.name, curve, errors, sheet)
     write_json(out / "metrics.json", metrics.as_dict())
     training = read_training(model_folder)
     results = {
         "title": chosen.title,
-        "real_share": chosen.real_share,
         "metrics": metrics.as_dict(),
         "training": training,
         "detection": config["detection"],
-        "binned_errors": as_plain(binned_errors(errors, visible)),
-        "test_set": id_of_test_set(known),
+        "binned_errors": as_plain(binned_errors(errors, visible, ranges)),
         "found": asdict(found_instruments(errors, len(visible))),
         "precision_recall": {name: values.tolist() for name, values in vars(curve).items()},
         "curves": read_curves(model_folder / "curves.csv"),

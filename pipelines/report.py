@@ -10,7 +10,6 @@ from stage import Config, stage
 from tqdm import tqdm
 
 from shaftpose import tracking
-from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.ablation import (
     AblationReport,
@@ -50,8 +49,8 @@ def main(config: Config) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     out, names = Path(config["out"]), config["variants"]
     results = {name: read_result(RESULTS / name / "evaluation.json", "evaluate") for name in names}
-    domain, real_images = read_domain(), len(read_coco(Path("data/real/train.json")))
-    rows = [variant_row(name, result, real_images) for name, result in results.items()]
+    domain = read_domain()
+    rows = [variant_row(name, result) for name, result in results.items()]
     champion = choose_champion(
         {name: last_validation(result["curves"]) for name, result in results.items()},
         config["report"]["champion_margin"],

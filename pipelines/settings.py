@@ -122,6 +122,7 @@ def render_settings(
     values = {
         **parts,
         "samples": config["size"]["samples"],
-        **config["render"],
+        "jpeg_quality": config["render"]["jpeg_quality"],
+        "device": config["render"]["device"],
     }
     return parse(RenderSettings, values, "params.yaml: render")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from digests import real_digest, rendered_digest
 from lightning import Callback, LightningModule, Trainer, seed_everything
 from lightning.pytorch.callbacks import (
     EMAWeightAveraging,
@@ -20,17 +21,24 @@ from lightning.pytorch.callbacks import (
 from lightning.pytorch.loggers import MLFlowLogger
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from networks import build_network, identity, variant
-from results import read_training, write_json
+from results import read_domain, read_training, write_json
 from settings import size
 from stage import Config, stage
-from unfinished import LAST_CHECKPOINT, kept, recipe, scratch_folder, settings_of
+from unfinished import (
+    LAST_CHECKPOINT,
+    kept,
+    recipe,
+    scratch_folder,
+    settings_of,
+    settings_of_variant,
+)
 from validation import ValidationMetrics
 
 from shaftpose import tracking
 from shaftpose.config import Augmentation, LossSettings, Size, TrainingSettings, Variant, parse
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split import digest_of_keys, read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import (
     RealImages,
     RenderedImages,
@@ -96,17 +104,25 @@ def main(config: Config) -> None:
             "training_id": training_id,
             "fingerprint": folder.name,
             "training_images": len(read_keys(Path("data/split"), "train")),
-            "training_keys": digest_of_keys(Path("data/split"), "train"),
+            "data": rendered_digest(),
+            "real": about_real() if chosen.real_share > 0 else None,
             "skipped_images": len(skipped.complaints()),
             "steps": trainer.global_step,
             "batch_size": sizes.batch_size,
             "width": sizes.width,
             "seed": config["seed"],
+            "variant": settings_of_variant(config),
             "recipe": recipe(config),
             "parameters": sum(weight.numel() for weight in module.network.parameters()),
         }
         write_json(out / FACTS, facts)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def about_real() -> dict[str, Any]:
+    """What the real, or stand-in, images are that are mixed in."""
+    images = read_coco(Path("data/real/train.json"))
+    return {"domain": read_domain(), "images": len(images), "digest": real_digest()}
 
 
 def with_precision(config: Config) -> Config:

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from digests import real_digest, rendered_digest
 from filelock import AcquireReturnProxy, FileLock, Timeout
 from stage import SCRATCH, Config
 
-from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.split import read_keys
 from shaftpose.errors import InputError
 from shaftpose.files import new_file
-from shaftpose.shards import shard_paths
 
 LAST_CHECKPOINT = "last.ckpt"
 
@@ -27,6 +25,7 @@ LAST_CHECKPOINT = "last.ckpt"
 _RECIPE = ("size", "backbone", "loss", "poses", "training")
 _OTHER_PARTS = ("variant", "seed", "camera", "trainer")
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}  # of `training`
+_CALLED = {"name", "title"}  # of `variant`
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
 # The data loaders of a training that was killed hold its lock until they notice, within seconds.
@@ -75,6 +74,11 @@ def recipe(config: Config) -> dict[str, Any]:
     return parts
 
 
+def settings_of_variant(config: Config) -> dict[str, Any]:
+    """The settings in which trainings of one variant must agree: all but what it is called."""
+    return {key: value for key, value in config["variant"].items() if key not in _CALLED}
+
+
 def settings_of(config: Config) -> dict[str, Any]:
     """All settings that determine a training."""
     return recipe(config) | {part: config[part] for part in _OTHER_PARTS}
@@ -86,11 +90,11 @@ def fingerprint(config: Config, with_real: bool) -> str:
     digest = hashlib.sha256(json.dumps(settings_of(config), sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())
-    for part in ("train", "validation"):
-        digest.update(json.dumps(read_keys(Path("data/split"), part)).encode())
-    for path in [*code_files(), *_data_files(with_real)]:
-        with path.open("rb") as file:
-            digest.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
+    for path in code_files():
+        digest.update(path.name.encode() + path.read_bytes())
+    digest.update(rendered_digest().encode())
+    if with_real:
+        digest.update(real_digest().encode())
     return digest.hexdigest()[:16]
 
 
@@ -101,11 +105,3 @@ def code_files() -> list[Path]:
     listed = [root / name for name in stages["train"]["deps"] if not name.startswith("data/")]
     found = [sorted(path.rglob("*.py")) if path.is_dir() else [path] for path in listed]
     return [path for paths in found for path in paths]
-
-
-def _data_files(with_real: bool) -> list[Path]:
-    rendered = shard_paths(Path("data/render/images"))
-    if not with_real:
-        return rendered
-    annotations = Path("data/real/train.json")
-    return [*rendered, annotations, *(image.path for image in read_coco(annotations))]

@@ -13,10 +13,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "pipelines"))
 
+from digests import real_digest, rendered_digest  # noqa: E402
 from results import read_json, write_json  # noqa: E402
 
-from shaftpose.dataset.coco import read_coco  # noqa: E402
-from shaftpose.dataset.split import digest_of_keys  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.evaluation.ablation import variant_row  # noqa: E402
 from shaftpose.evaluation.binned_errors import from_plain  # noqa: E402
@@ -51,11 +50,12 @@ def check(folder: Path) -> None:
     """Raise InputError unless the folder holds a finished training on the images in data/."""
     training = noted(folder)
     with whole(str(folder / "training.json"), "train again"):
-        trained, _ = training["training_keys"], training["recipe"]  # which `record` will need
-    if trained != digest_of_keys(Path("data/split"), "train"):
+        data, real = training["data"], training["real"]
+        _ = training["recipe"], training["variant"]  # which `record` will need
+    if data != rendered_digest() or (real is not None and real["digest"] != real_digest()):
         raise InputError(
-            f"{folder}: was trained on other images than data/split lists: run `dvc repro split "
-            "real_images` at the profile, seed and split of the training"
+            f"{folder}: was trained on other images than those in data/: run `dvc repro split "
+            "real_images` with the settings that they were made with"
         )
     variant_of(folder)
 
@@ -90,9 +90,11 @@ def record(folder: Path) -> Path:
     training, result = noted(folder), read_json(folder / "evaluation.json", "evaluate it again")
     variant = variant_of(folder)
     one = TrainingRecord(
-        row=variant_row(variant, result, len(read_coco(Path("data/real/train.json")))),
+        row=variant_row(variant, result),
         recipe={**training["recipe"], "detection": result["detection"]},
-        test_set=result["test_set"],
+        variant=training["variant"],
+        data=training["data"],
+        real=training["real"],
         binned_errors=from_plain(result["binned_errors"]),
         found=FoundInstruments(**result["found"]),
         curves=validation_curves(result["curves"]),

@@ -5,8 +5,11 @@ All of it comes from the files of results that are in the repository.
 
 import csv
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "pipelines"))
@@ -16,7 +19,7 @@ from results import read_json  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.evaluation.ablation import AblationReport, Champion  # noqa: E402
 from shaftpose.evaluation.figure_style import save_figure  # noqa: E402
-from shaftpose.evaluation.repeated_trainings import repeated_figures  # noqa: E402
+from shaftpose.evaluation.repeated_trainings import PICTURES, repeated_figures  # noqa: E402
 from shaftpose.evaluation.results_page import Table, to_page  # noqa: E402
 from shaftpose.evaluation.training_record import TrainingRecord, read_record, read_row, whole  # noqa: E402
 
@@ -27,11 +30,20 @@ def main() -> None:
     """Write the page and its pictures."""
     try:
         PAGE.write_text(page(ROOT))
-        for name, figure in repeated_figures(records(ROOT), report_of(ROOT).domain_label).items():
-            save_figure(figure, PAGE.parent / name)
+        draw(repeated_figures(records(ROOT)), PAGE.parent)
     except InputError as error:
         sys.exit(f"error: {error}")
     print(f"written to {PAGE.relative_to(ROOT)}")
+
+
+def draw(figures: Mapping[str, Figure], folder: Path) -> None:
+    """Draw the figures, given by their path in a folder, and remove those of other records."""
+    for name, figure in figures.items():
+        save_figure(figure, folder / name)
+    drawn = {folder / name for name in figures}
+    for path in [found for kind in PICTURES for found in folder.glob(f"images/{kind}_*.png")]:
+        if path not in drawn:
+            path.unlink()
 
 
 def page(root: Path) -> str:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shaftpose.evaluation.binned_errors import EDGES, as_plain, binned_errors, from_plain
+from shaftpose.config import PoseRanges
+from shaftpose.evaluation.binned_errors import BINS, as_plain, binned_errors, from_plain
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.pose_errors import errors_between, pose_errors
 from shaftpose.instruments import Annotations, Detections
@@ -18,11 +19,14 @@ TRUE = np.array(
 )
 WRONG = TRUE + np.outer([1, 2, 6, 4], [1, 0, 0, 0, 0]) - np.outer([0, 0, 0, 3], [0, 0, 0, 1, 0])
 ERRORS = errors_between(WRONG, TRUE)
-BINS = binned_errors(ERRORS, np.array([1.0, 0.4, 0.8, 1.0]))
+RANGES = PoseRanges(
+    x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
+)
+FOUND = binned_errors(ERRORS, np.array([1.0, 0.4, 0.8, 1.0]), RANGES)
 
 
 def bin_of(quantity: str, low: float) -> tuple[int, float | None, float | None]:
-    (found,) = (one for one in BINS[quantity] if one.low == low)
+    (found,) = (one for one in FOUND[quantity] if one.low == low)
     return found.count, found.tip_mm, found.axis_deg
 
 
@@ -31,7 +35,7 @@ def test_medians_of_each_bin():
     turned = (1, 4.0, pytest.approx(3.0))
     assert bin_of("z_mm", 35) == turned  # the upper end belongs to the last bin
     assert bin_of("z_mm", 20) == (0, None, None)
-    assert bin_of("pitch_deg", 80) == turned
+    assert bin_of("pitch_deg", 82) == turned
 
 
 def test_yaw_is_counted_from_the_seam_on_both_sides():
@@ -43,9 +47,17 @@ def test_yaw_is_counted_from_the_seam_on_both_sides():
 
 
 def test_every_instrument_is_in_one_bin_of_each_quantity():
-    assert {name: sum(one.count for one in row) for name, row in BINS.items()} == dict.fromkeys(
-        EDGES, 4
+    assert {name: sum(one.count for one in row) for name, row in FOUND.items()} == dict.fromkeys(
+        BINS, 4
     )
+
+
+def test_the_bins_of_depth_and_pitch_divide_the_ranges_that_poses_come_from():
+    far = replace(RANGES, z_mm=(10, 130), pitch_deg=(40, 90))
+    bins = binned_errors(ERRORS, np.ones(4), far)
+    assert [one.low for one in bins["z_mm"]] == [10, 30, 50, 70, 90, 110]
+    assert [one.count for one in bins["z_mm"]] == [3, 1, 0, 0, 0, 0]
+    assert [one.high for one in bins["pitch_deg"]] == [50, 60, 70, 80, 90]
 
 
 def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
@@ -54,17 +66,19 @@ def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     known = [Annotations(boxes[:1], TRUE[:1]), Annotations(boxes, TRUE[:2])]
     found = [nothing, Detections(boxes[1:], np.ones(1), TRUE[1:2])]
-    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]))
+    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), RANGES)
     assert [one.count for one in bins["visible_fraction"]] == [1, 0, 0, 0, 0]
 
 
 def test_bins_pass_through_json():
-    assert from_plain(json.loads(json.dumps(as_plain(BINS)))) == BINS
+    assert from_plain(json.loads(json.dumps(as_plain(FOUND)))) == FOUND
 
 
 def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
-    often = {name: [replace(one, count=5 * one.count) for one in row] for name, row in BINS.items()}
-    figure = binned_error_figure({"C": BINS, "D": often})
+    often = {
+        name: [replace(one, count=5 * one.count) for one in row] for name, row in FOUND.items()
+    }
+    figure = binned_error_figure({"C": FOUND, "D": often})
     rarely, depth = (line.get_xydata() for line in figure.axes[0].lines)
     assert np.isnan(rarely[:, 1]).all()
     np.testing.assert_allclose(depth[:, 0], [12.5, 17.5, 22.5, 27.5, 32.5, 37.5])

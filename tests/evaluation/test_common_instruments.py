@@ -5,10 +5,8 @@ import numpy as np
 from shaftpose.evaluation.common_instruments import (
     FoundInstruments,
     found_instruments,
-    id_of_test_set,
 )
 from shaftpose.evaluation.pose_errors import errors_between
-from shaftpose.instruments import Annotations
 
 POSE = np.array([[1.0, 2.0, 20.0, 70.0, 100.0]])
 BOX = np.array([[0.0, 0.0, 9.0, 9.0]])
@@ -18,10 +16,3 @@ def test_errors_are_kept_to_the_micrometre() -> None:
     moved = POSE + np.array([[0.30004, 0.4, 0.0, 0.0, 0.0]])
     kept = found_instruments(errors_between(moved, POSE), total=3)
     assert kept == FoundInstruments(3, [0], [0.5], [0.0])
-
-
-def test_a_test_set_is_known_by_its_poses() -> None:
-    known = id_of_test_set([Annotations(BOX, POSE), Annotations(BOX, None)])
-    assert known == id_of_test_set([Annotations(BOX + 1, POSE + 1e-5)])
-    assert known != id_of_test_set([Annotations(BOX, POSE + 0.01)])
-    assert known != id_of_test_set([Annotations(BOX, POSE), Annotations(BOX, POSE)])

@@ -8,7 +8,7 @@ import pytest
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.ablation import AblationReport, Champion, VariantRow
-from shaftpose.evaluation.binned_errors import EDGES, ErrorBin
+from shaftpose.evaluation.binned_errors import BINS, ErrorBin
 from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.evaluation.paper_order import Change, changes
 from shaftpose.evaluation.repeated_trainings import repeated_figures
@@ -43,9 +43,11 @@ def record(
     trained: VariantRow,
     alpha: float = 1.5,
     found: FoundInstruments = FOUND,
-    test_set: str = "same",
+    data: str = "same",
+    noise: int = 0,
+    real: str = "",
 ) -> TrainingRecord:
-    bins = {name: [ErrorBin(0.0, 1.0, 2, 4.0, 6.0)] for name in EDGES}
+    bins = {name: [ErrorBin(0.0, 1.0, 2, 4.0, 6.0)] for name in BINS}
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
         "size": {
@@ -55,7 +57,10 @@ def record(
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
     }  # fmt: skip
-    return TrainingRecord(trained, recipe, test_set, bins, found, validation_curves(curves))
+    mixed_in = {"domain": real, "images": 2, "digest": f"{real} images"} if real else None
+    return TrainingRecord(
+        trained, recipe, {"noise": noise}, data, mixed_in, bins, found, validation_curves(curves)
+    )
 
 
 def test_only_trainings_of_one_scale_and_variant_are_put_together():
@@ -78,6 +83,26 @@ def test_trainings_with_other_loss_weights_are_no_repeats():
 def test_a_seed_that_was_recorded_twice_is_refused():
     with pytest.raises(InputError, match=r"reports/trainings/d-7-\*\.json: two records"):
         by_scale([record(row(7, mAP=0.5)), record(row(7, mAP=0.7))])
+
+
+def test_trainings_of_other_settings_of_a_variant_are_no_repeats():
+    records = [record(row(7)), record(row(8), noise=10)]
+    with pytest.raises(InputError, match=r"reports/trainings/d-\*\.json: trainings with different"):
+        by_scale(records)
+    assert len(by_scale([record(row(7)), record(row(7, "d_noise"), noise=10)])) == 1
+
+
+def test_trainings_on_other_real_images_are_not_compared():
+    plain, real = record(row(7)), record(row(7, "d_noise_real"), real="real")
+    assert len(by_scale([plain, real])) == 1
+    with pytest.raises(InputError, match=r"d_noise_real-7-\*\.json, d_noise_real-8-\*\.json: not"):
+        by_scale([plain, real, record(row(8, "d_noise_real"), real="stand-in")])
+
+
+@pytest.mark.parametrize("domain", ["real", "stand-in"])
+def test_titles_say_what_was_mixed_in_whatever_the_recorded_run_had(domain: str):
+    text = page(record(row(7)), record(row(7, "d_noise_real"), real=domain))
+    assert f"| D + noise + {domain} | 90,000 / 900 |" in text
 
 
 def several(variant: str, *values: float, metric: str = "x_mm") -> VariantRow:
@@ -164,9 +189,9 @@ def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
     assert "| D | 2.00 ± 0.00 | 4.25 ± 0.25 |\n| C | 2.00 | 4.50 |" in text
 
 
-def test_trainings_are_not_compared_between_test_sets():
-    text = page(record(row(7, mAP=0.5)), record(row(8, mAP=0.7), test_set="other"))
-    assert "### test_set same\n" in text and "### test_set other\n" in text
+def test_trainings_on_other_images_are_not_compared():
+    text = page(record(row(7, mAP=0.5)), record(row(8, mAP=0.7), data="other"))
+    assert "### data same\n" in text and "### data other\n" in text
     assert "0.949 / 0.500 |" in text and "0.949 / 0.700 |" in text
 
 
@@ -200,10 +225,21 @@ def test_the_page_says_what_follows_for_the_papers_order():
 def test_the_page_shows_the_pictures_that_are_drawn():
     trainings = [record(row(8, mAP=0.7)), record(row(9, mAP=0.7)), record(row(8, "c", mAP=0.1))]
     other = record(row(8, mAP=0.7), alpha=0.5)
-    figures = repeated_figures([*trainings, other], "stand-in")
+    figures = repeated_figures([*trainings, other])
     assert all(f"({name})" in page(*trainings, other) for name in figures)
     # Curves and errors of the first scale, then those of the other one.
     assert [len(figure.legends[0].texts) for figure in figures.values()] == [3, 2, 1, 1]
+
+
+def test_pictures_of_records_that_are_gone_are_removed(tmp_path: Path):
+    trainings = [record(row(8)), record(row(8), alpha=0.5)]
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images/binned_errors.png").write_bytes(b"of the recorded run")
+    results_page.draw(repeated_figures(trainings), tmp_path)
+    results_page.draw(kept := repeated_figures(trainings[1:]), tmp_path)
+    assert {path.name for path in (tmp_path / "images").iterdir()} == {
+        "binned_errors.png", *(Path(name).name for name in kept)
+    }  # fmt: skip
 
 
 def test_the_page_shows_sweeps():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from shaftpose.config import PoseRanges
 from shaftpose.evaluation.ablation import variant_row
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between
@@ -17,20 +18,23 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "pipelines"))
 
 import report  # noqa: E402
 
+RANGES = PoseRanges(
+    x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
+)
 POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
+ERRORS = errors_between(POSES + 1, POSES)
 
 
-def result(title: str, real_share: float) -> dict[str, Any]:
+def result(title: str, real: dict[str, Any] | None) -> dict[str, Any]:
     """The content of an evaluation.json."""
     return {
         "title": title,
-        "real_share": real_share,
         "metrics": {"mAP": 0.5, "images": 20},
         "training": {
             "training_images": 90, "steps": 10, "batch_size": 4, "width": 0.125, "seed": 7,
-            "parameters": 1000,
+            "parameters": 1000, "real": real,
         },
-        "binned_errors": as_plain(binned_errors(errors_between(POSES + 1, POSES), np.ones(1))),
+        "binned_errors": as_plain(binned_errors(ERRORS, np.ones(1), RANGES)),
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
         "curves": [[1, "validation/mAP", 0.1], [2, "validation/mAP", 0.2]],
     }  # fmt: skip
@@ -38,7 +42,10 @@ def result(title: str, real_share: float) -> dict[str, Any]:
 
 # What stands behind the title of a variant in the legends.
 FIGURE_LABELS = {"precision_and_recall": " (AP 0.500)", "learning_curves": "", "binned_errors": ""}
-RESULTS = {"d": result("D", 0.0), "d_noise_real": result("D + noise + real", 2 / 11)}
+RESULTS = {
+    "d": result("D", None),
+    "d_noise_real": result("D + noise + real", {"domain": "real", "images": 100}),
+}
 
 
 def test_the_last_validation_counts() -> None:
@@ -53,7 +60,7 @@ def test_the_last_validation_counts() -> None:
 
 
 def test_only_variants_with_a_real_share_mix_images_in() -> None:
-    rows = [variant_row(name, values, 100) for name, values in RESULTS.items()]
+    rows = [variant_row(name, values) for name, values in RESULTS.items()]
     assert [row.mixed_in_images for row in rows] == [0, 100]
     assert [row.training_images for row in rows] == [90, 90]
 
@@ -66,7 +73,7 @@ def test_every_figure_says_what_was_mixed_in(
     monkeypatch.setattr(
         report, "save_figure", lambda figure, path: drawn.update({path.stem: figure})
     )
-    rows = [variant_row(name, values, 100) for name, values in RESULTS.items()]
+    rows = [variant_row(name, values) for name, values in RESULTS.items()]
     files = report.draw_figures(RESULTS, rows, {}, domain, tmp_path)
     assert {path.stem for path in files.values()} == drawn.keys()
     for name, end in FIGURE_LABELS.items():

@@ -56,3 +56,4 @@ def write_real(folder: Path) -> None:
         "annotations": [{"image_id": n, "bbox": [100, 50, 80, 200]} for n in range(2)],
     }
     (folder / "train.json").write_text(json.dumps(content))
+    (folder / "about.json").write_text(json.dumps({"domain": "real"}))

@@ -55,7 +55,6 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
         ("scene.roughness=[0,2]", "params.yaml: scene.roughness = "),
         ("real.stand_in.scene.roughness=[0,2]", "params.yaml: real.stand_in.scene.roughness = "),
         ("~real.stand_in.lens", "params.yaml: real.stand_in.lens is missing; add it"),
-        ("+render.denoise=true", "params.yaml: render.denoise = True: "),
         ("+tracking.url=http://127.0.0.1", "params.yaml: tracking.url = 'http://127.0.0.1': "),
         ("report.champion_margin=-1", "params.yaml: report.champion_margin = -1: "),
         ("variants=d_noise", "params.yaml.variants = 'd_noise': "),

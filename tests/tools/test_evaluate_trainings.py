@@ -10,39 +10,45 @@ import numpy as np
 import pytest
 import torch
 
+from shaftpose.config import PoseRanges
 from shaftpose.errors import InputError
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.pose_errors import errors_between
-from tests.pipeline.small_data import write_real
+from tests.pipeline.small_data import write_training_data
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "pipelines")]
 
+import digests  # noqa: E402
 import evaluate_trainings  # noqa: E402
 import results_page  # noqa: E402
 
 POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
-BINNED = binned_errors(errors_between(POSES + 1, POSES), np.ones(1))
+RANGES = PoseRanges(
+    x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
+)
+BINNED = binned_errors(errors_between(POSES + 1, POSES), np.ones(1), RANGES)
 FOUND = found_instruments(errors_between(POSES + 1, POSES), 3)
 TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "seed": 7, "parameters": 1000,
-    "recipe": {"loss": {"alpha": 0.5}}, "training_keys": "0123456789abcdef",
+    "recipe": {"loss": {"alpha": 0.5}}, "variant": {"noise": 10}, "data": "0123456789abcdef",
+    "real": {"domain": "stand-in", "images": 2, "digest": "fedcba9876543210"},
 }  # fmt: skip
 
 
 def write_training(folder: Path, training: dict[str, Any]) -> Path:
-    """The folder of a training that was evaluated, and two real images, below `folder`."""
-    write_real(folder / "data/real")
+    """The folder of a training that was evaluated, below `folder`."""
     trained = folder / "sweeps/0"
     trained.mkdir(parents=True)
     checkpoint = {"identity": {"variant": "d_noise_real"}, "state_dict": {}}
     torch.save(checkpoint, trained / "model.ckpt")
     (trained / "training.json").write_text(json.dumps(training))
     evaluation = {
-        "title": "D + noise + real", "real_share": 0.2, "training": training,
+        "title": "D + noise + real", "training": training,
         "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
-        "found": asdict(FOUND), "test_set": "some", "detection": {"overlap": 0.45},
+        "found": asdict(FOUND), "detection": {"overlap": 0.45},
         "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
     }  # fmt: skip
     (trained / "evaluation.json").write_text(json.dumps(evaluation))
@@ -71,14 +77,19 @@ def test_a_training_without_its_settings_is_refused(
         evaluate_trainings.check(write_training(tmp_path, training))
 
 
+@pytest.mark.parametrize("real", [True, False])
 def test_a_training_on_other_images_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    real: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    folder = write_training(tmp_path, TRAINING)
-    (tmp_path / "data/split").mkdir()
-    (tmp_path / "data/split/train.csv").write_text("key\nshard/000001\n")
-    with pytest.raises(InputError, match="sweeps/0: was trained on other images than data/split"):
+    write_training_data(tmp_path)
+    known = {"digest": digests.real_digest()} if real else None
+    training = {**TRAINING, "data": digests.rendered_digest(), "real": known}
+    folder = write_training(tmp_path, training)
+    evaluate_trainings.check(folder)
+    change = tmp_path / ("data/real/images/1.jpg" if real else "data/split/test.csv")
+    change.write_bytes(change.read_bytes() + b"0\n")
+    with pytest.raises(InputError, match="sweeps/0: was trained on other images than those in"):
         evaluate_trainings.check(folder)
 
 

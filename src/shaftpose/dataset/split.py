@@ -1,7 +1,6 @@
 """Which images train, validate and test."""
 
 import csv
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,8 +109,3 @@ def read_keys(folder: Path, part: str) -> list[str]:
     if not keys:
         raise InputError(f"{path}: lists no image; run the split stage")
     return keys
-
-
-def digest_of_keys(folder: Path, part: str) -> str:
-    """What tells one part from another that lists other images, or in another order."""
-    return hashlib.sha256("\n".join(read_keys(folder, part)).encode()).hexdigest()[:16]

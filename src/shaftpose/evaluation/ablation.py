@@ -75,11 +75,8 @@ class AblationReport:
             )
 
 
-def variant_row(name: str, result: Mapping[str, Any], real_images: int) -> VariantRow:
-    """The table line of one variant, of the plain values that its evaluation wrote.
-
-    real_images: their number; a variant with a real share mixes all of them in.
-    """
+def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
+    """The table line of one variant, of the plain values that its evaluation wrote."""
     training, metrics = result["training"], result["metrics"]
     return VariantRow(
         variant=name,
@@ -92,7 +89,7 @@ def variant_row(name: str, result: Mapping[str, Any], real_images: int) -> Varia
         width=training["width"],
         seeds=(training["seed"],),
         parameters=training["parameters"],
-        mixed_in_images=real_images if result["real_share"] > 0 else 0,
+        mixed_in_images=training["real"]["images"] if training["real"] else 0,
     )
 
 

@@ -6,15 +6,16 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.config import PoseRanges
 from shaftpose.evaluation.boxes import Array
 from shaftpose.evaluation.pose_errors import PoseErrors
 from shaftpose.instruments import POSE_DIMENSIONS
 
-# Edges of the bins, made for the paper's ranges of poses; the outer bins take what lies beyond. Yaw
+# Into how many bins of one width the range of a quantity is divided, or the edges of its bins. Yaw
 # is counted from the seam, where 358 deg meets 0: an angle learned as a number jumps there.
-EDGES: Mapping[str, Sequence[float]] = {
-    "z_mm": (10, 15, 20, 25, 30, 35, 40),
-    "pitch_deg": (50, 57.5, 65, 72.5, 80, 90),
+BINS: Mapping[str, int | Sequence[float]] = {
+    "z_mm": 6,
+    "pitch_deg": 5,
     "yaw_from_seam_deg": (-180, -120, -60, -30, -10, 0, 10, 30, 60, 120, 180),
     "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
 }
@@ -33,10 +34,13 @@ class ErrorBin:
     axis_deg: float | None
 
 
-def binned_errors(errors: PoseErrors, visible_fractions: Array) -> dict[str, list[ErrorBin]]:
-    """The bins of each quantity of `EDGES`.
+def binned_errors(
+    errors: PoseErrors, visible_fractions: Array, ranges: PoseRanges
+) -> dict[str, list[ErrorBin]]:
+    """The bins of each quantity of `BINS`; the outer ones take what lies beyond.
 
     visible_fractions: of each instrument of the set (G,), numbered as `errors.instruments` is.
+    ranges: that poses are drawn from.
     """
     true = dict(zip(POSE_DIMENSIONS, errors.true_poses.T, strict=True))
     values = {
@@ -45,7 +49,7 @@ def binned_errors(errors: PoseErrors, visible_fractions: Array) -> dict[str, lis
         "yaw_from_seam_deg": (true["yaw_deg"] + 180.0) % 360.0 - 180.0,
         "visible_fraction": visible_fractions[errors.instruments],
     }
-    return {name: _bins(errors, values[name], edges) for name, edges in EDGES.items()}
+    return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}
 
 
 def as_plain(bins: Mapping[str, Sequence[ErrorBin]]) -> dict[str, list[dict[str, float | None]]]:
@@ -58,6 +62,14 @@ def from_plain(
 ) -> dict[str, list[ErrorBin]]:
     """What `as_plain` was made of."""
     return {q: [ErrorBin(**one) for one in row] for q, row in content.items()}  # type: ignore[arg-type]
+
+
+def _edges(name: str, ranges: PoseRanges) -> list[float]:
+    bins = BINS[name]
+    if isinstance(bins, int):
+        low, high = getattr(ranges, name)
+        return [float(edge) for edge in np.linspace(low, high, bins + 1)]
+    return list(bins)
 
 
 def _bins(errors: PoseErrors, values: Array, edges: Sequence[float]) -> list[ErrorBin]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.evaluation.binned_errors import EDGES, ERRORS, ErrorBin
+from shaftpose.evaluation.binned_errors import BINS, ERRORS, ErrorBin
 from shaftpose.evaluation.figure_style import (
     COLOURS,
     finish,
@@ -32,9 +32,9 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
     left out, and lines do not bridge them.
     """
     figure = new_figure(16.0, 6.4)
-    panels = figure.subplots(len(ERRORS), len(EDGES), sharey="row")
+    panels = figure.subplots(len(ERRORS), len(BINS), sharey="row")
     for row, error in zip(panels, ERRORS, strict=True):
-        for axes, quantity in zip(row, EDGES, strict=True):
+        for axes, quantity in zip(row, BINS, strict=True):
             for index, (title, bins) in enumerate(variants.items()):
                 _draw(axes, bins[quantity], error, title, index)
             if quantity == "yaw_from_seam_deg":

@@ -4,14 +4,12 @@ A mean error is of the instruments that a network found. One that finds few of t
 looks the more precise for it; on the instruments that all found, none has that advantage.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from shaftpose.evaluation.pose_errors import PoseErrors
-from shaftpose.instruments import Annotations
 
 DECIMALS = 3  # of mm and deg that are kept: far below what a network or a robot resolves
 
@@ -38,13 +36,6 @@ def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
         errors.tip_mm.round(DECIMALS).tolist(),
         errors.axis_deg.round(DECIMALS).tolist(),
     )
-
-
-def id_of_test_set(annotations: Sequence[Annotations]) -> str:
-    """What a test set is recognised by: a digest of the poses in it, to the last micrometre."""
-    poses = [known.poses for known in annotations if known.poses is not None]
-    lines = (",".join(f"{value:.{DECIMALS}f}" for value in pose) for part in poses for pose in part)
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from matplotlib.figure import Figure
 
 from shaftpose.evaluation import paper_order, report_tables
-from shaftpose.evaluation.ablation import VariantRow, variant_title
+from shaftpose.evaluation.ablation import STAND_IN, VariantRow, variant_title
 from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.common_instruments import common_instruments, means_on
 from shaftpose.evaluation.learning_curves_figure import learning_curve_figure
@@ -41,35 +41,45 @@ DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
 HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
 
 
-def repeated_blocks(records: Sequence[TrainingRecord], domain_label: str) -> list[str]:
+# How the names of the pictures begin.
+PICTURES = CURVES, ERRORS = ("curves", "errors")
+
+
+def repeated_blocks(records: Sequence[TrainingRecord]) -> list[str]:
     """Blocks of Markdown for each scale of these trainings; of several, headings say what sets
     them apart."""
     parts, scales = [INTRO], by_scale(records)
     for (scale, alike), own in zip(scales.items(), distinctions(list(scales)), strict=True):
         parts += [f"### {own}"] if own else []
-        parts += _of_scale(scale, alike, domain_label)
+        parts += _of_scale(scale, alike)
     return parts
 
 
-def repeated_figures(records: Sequence[TrainingRecord], domain_label: str) -> dict[str, Figure]:
+def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
     """Learning curves of all trainings of a scale, and binned errors of one of each variant, by
     path beside the page."""
     found = {}
     for scale, alike in by_scale(records).items():
+        domain_label = _domain_of(alike)
         first: dict[str, TrainingRecord] = {}
         for record in alike:
             first.setdefault(record.row.variant, record)
-        found[_picture("curves", scale)] = learning_curve_figure(
+        found[_picture(CURVES, scale)] = learning_curve_figure(
             {_title(record, domain_label): record.curves for record in alike}
         )
-        found[_picture("errors", scale)] = binned_error_figure(
+        found[_picture(ERRORS, scale)] = binned_error_figure(
             {_title(one, domain_label): one.binned_errors for one in first.values()}
         )
     return found
 
 
-def _of_scale(scale: Scale, alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
-    rows = rows_of(alike)
+def _domain_of(alike: Sequence[TrainingRecord]) -> str:
+    """What the real images of these trainings are; without any, no title has a word for them."""
+    return next((record.real["domain"] for record in alike if record.real), STAND_IN)
+
+
+def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
+    rows, domain_label = rows_of(alike), _domain_of(alike)
     columns = report_tables.TRAINING_COLUMNS
     compared = report_tables.beside_paper(rows, domain_label, columns)
     seeds = ", ".join(
@@ -82,9 +92,9 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord], domain_label: str) 
         *_order(rows, domain_label),
         *_common(alike, domain_label),
         f"Learning curves, one line for each training, on the validation images:\n\n"
-        f"![Learning curves]({_picture('curves', scale)})",
+        f"![Learning curves]({_picture(CURVES, scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
-        f"![Errors by depth, pitch, yaw and visibility]({_picture('errors', scale)})",
+        f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS, scale)})",
     ]
 
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,12 +15,13 @@ from shaftpose.nested import flatten
 
 
 class Scale(NamedTuple):
-    """What trainings must agree in to compare. `steps` were taken; `settings` is their recipe as
-    JSON, with the number that was planned; `test_set` is what `id_of_test_set` says."""
+    """What trainings must agree in to compare. `data` is a digest of the rendered images and their
+    split; `steps` were taken; `settings` is their recipe as JSON, with the number that was
+    planned."""
 
     training_images: int
     test_images: int
-    test_set: str
+    data: str
     steps: int
     settings: str
 
@@ -65,12 +66,13 @@ def distinctions(scales: Sequence[Scale]) -> list[str]:
 def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingRecord]]:
     """The trainings of each scale, in the order in which they come.
 
-    Raises InputError if two of a scale have the same variant and seed.
+    Raises InputError if two of a scale have the same variant and seed, those of a variant other
+    settings of it, or two were trained on other real images.
     """
     found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
     for record in records:
         row, settings = record.row, json.dumps(record.recipe, sort_keys=True)
-        images = (row.training_images, row.test_images, record.test_set)
+        images = (row.training_images, row.test_images, record.data)
         scale = Scale(*images, row.steps, settings)
         alike = found.setdefault(scale, {})
         if (row.variant, row.seeds) in alike:
@@ -79,7 +81,30 @@ def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingReco
                 "settings; delete the one that is not to count"
             )
         alike[row.variant, row.seeds] = record
-    return {scale: list(alike.values()) for scale, alike in found.items()}
+    scales = {scale: list(alike.values()) for scale, alike in found.items()}
+    for trainings in scales.values():
+        _check_alike(trainings)
+    return scales
+
+
+def _check_alike(records: Sequence[TrainingRecord]) -> None:
+    """Raise InputError unless trainings of one scale agree in what is not part of the scale, as
+    some do not have it."""
+    settings: dict[str, Mapping[str, Any]] = {}
+    for record in records:
+        name = record.row.variant
+        if settings.setdefault(name, record.variant) != record.variant:
+            raise InputError(
+                f"reports/trainings/{name}-*.json: trainings with different settings of the "
+                "variant; delete those that are not to count, or give one a variant of its own"
+            )
+    with_real = [record for record in records if record.real is not None]
+    if any(record.real != with_real[0].real for record in with_real):
+        names = ", ".join(f"{one.row.variant}-{one.row.seeds[0]}-*.json" for one in with_real)
+        raise InputError(
+            f"reports/trainings/{names}: not all were trained on the same real images; delete "
+            "those that are not to count"
+        )
 
 
 def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:

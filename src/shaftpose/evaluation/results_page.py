@@ -48,7 +48,7 @@ def to_page(
     """
     parts = ["# Results", INTRO]
     if records:
-        parts += ["## Repeated trainings", *repeated_blocks(records, report.domain_label)]
+        parts += ["## Repeated trainings", *repeated_blocks(records)]
     parts += ["## The pipeline's run", RUN.format(profile=report.profile)]
     parts += [*blocks(report), "## Where the errors are", BINNED]
     if sweeps:

@@ -23,13 +23,17 @@ class TrainingRecord:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`.
 
     recipe: the settings in which trainings that are compared must agree: those that the train stage
-    notes, sizes, backbone, loss, ranges of poses, training, and those of detection. test_set: what
-    it was evaluated on, see `id_of_test_set`.
+    notes, sizes, backbone, loss, ranges of poses, training, and those of detection. variant: the
+    settings in which those of one variant must agree, too. data: a digest of the rendered images
+    and their split. real: the real images that it was trained on: their `domain`, the number
+    `images` and a `digest`; None if there were none.
     """
 
     row: VariantRow
     recipe: Mapping[str, Any]
-    test_set: str
+    variant: Mapping[str, Any]
+    data: str
+    real: Mapping[str, Any] | None
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     found: FoundInstruments
     curves: Sequence[tuple[int, str, float]]
@@ -39,7 +43,9 @@ class TrainingRecord:
         return {
             "row": asdict(self.row),
             "recipe": self.recipe,
-            "test_set": self.test_set,
+            "variant": self.variant,
+            "data": self.data,
+            "real": self.real,
             "binned_errors": as_plain(self.binned_errors),
             "found": asdict(self.found),
             "curves": [list(line) for line in self.curves],
@@ -73,7 +79,9 @@ def read_record(content: Mapping[str, Any], file: str) -> TrainingRecord:
         return TrainingRecord(
             row=read_row(content["row"]),
             recipe=content["recipe"],
-            test_set=content["test_set"],
+            variant=content["variant"],
+            data=content["data"],
+            real=content["real"],
             binned_errors=from_plain(content["binned_errors"]),
             found=FoundInstruments(**content["found"]),
             curves=validation_curves(content["curves"]),

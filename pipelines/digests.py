@@ -1,0 +1,30 @@
+"""What the data of a training are recognised by: digests of their bytes."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.split import PARTS, read_keys
+from shaftpose.shards import shard_paths
+
+
+def rendered_digest() -> str:
+    """Hexadecimal digest of the rendered images and of the lists of the split."""
+    lists = [read_keys(Path("data/split"), part) for part in PARTS]
+    return _digest(json.dumps(lists), shard_paths(Path("data/render/images")))
+
+
+def real_digest() -> str:
+    """Hexadecimal digest of the real, or stand-in, training images and their annotations."""
+    annotations = Path("data/real/train.json")
+    return _digest("", [annotations, *(image.path for image in read_coco(annotations))])
+
+
+def _digest(text: str, paths: Iterable[Path]) -> str:
+    digest = hashlib.sha256(text.encode())
+    for path in paths:
+        with path.open("rb") as file:
+            digest.update(path.name.encode() + hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,114 @@
+"""Settings where they take effect: in the network's training, its images and its threshold."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.split import read_keys
+from shaftpose.dataset.training_data import TrainingData, TrainingStream
+from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.instruments import Detections
+from shaftpose.shards import ShardedDataset
+from tests.pipeline.conftest import ROOT
+from tests.pipeline.small_data import write_training_data
+from tests.pipeline.test_configs import composed
+
+sys.path.insert(0, str(ROOT / "pipelines"))
+
+import export  # noqa: E402
+import networks  # noqa: E402
+import predictions  # noqa: E402
+import settings  # noqa: E402
+import train  # noqa: E402
+
+JITTER = {"brightness": [1, 2], "contrast": [3, 4], "saturation": [5, 6], "hue_deg": [7, 8]}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which everything here runs."""
+    write_training_data(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def training_data(folder: Path, *overrides: str) -> TrainingData:
+    config = composed("profile=smoke", "training.loader_workers=0", *overrides)
+    sizes, skipped = settings.size(config), SkippedImages(folder / "skipped")
+    return train.training_data(config, networks.variant(config), sizes, skipped)
+
+
+def stream(data: TrainingData) -> TrainingStream:
+    images = data.train_dataloader().dataset
+    assert isinstance(images, TrainingStream)
+    return images
+
+
+def test_the_optimiser_follows_the_profile() -> None:
+    sizes = ("steps=40", "warmup_steps=5", "learning_rate=0.003", "width=0.04")
+    config = composed("profile=smoke", *(f"profiles.smoke.{size}" for size in sizes),
+                      "training.frozen_norm_share=0.25")  # fmt: skip
+    module = train.build_module(config, settings.size(config))
+    assert (module.learning_rate, module.total_steps, module.warmup_steps) == (0.003, 40, 5)
+    assert module.frozen_norm_from == 30
+    assert module.identity == {"variant": "d", "width": 0.04}
+
+
+@pytest.mark.parametrize(
+    ("variant", "noise", "real"),
+    [("c", 0, 0), ("d", 0, 0), ("d_noise", 10, 0), ("d_noise_real", 10, 2)],
+)
+def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
+    variant: str, noise: int, real: int, folder: Path
+) -> None:
+    images = stream(training_data(folder, f"variant={variant}"))
+    jitter, *others = images.transforms
+    assert isinstance(jitter, ColourJitter)
+    assert others == ([UniformNoise(noise)] if noise else [])
+    assert images.real_share == (pytest.approx(2 / 11) if real else 0)
+    assert (len(images.real) if images.real is not None else 0) == real
+
+
+def test_colours_change_as_the_settings_say(folder: Path) -> None:
+    ranges = [f"training.augmentation.{key}={values}" for key, values in JITTER.items()]
+    (jitter,) = stream(training_data(folder, *ranges)).transforms
+    assert jitter == ColourJitter((1, 2), (3, 4), (5, 6), (7, 8))
+
+
+def test_each_part_of_the_split_has_its_use(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No network, and no threshold of one, has seen a test image."""
+    data, lists = training_data(folder), folder / "data/split"
+    rendered: Any = stream(data).rendered
+    validation: Any = data.val_dataloader().dataset
+    assert rendered.keys == read_keys(lists, "train")
+    assert validation.keys == read_keys(lists, "validation")
+    seen: list[str] = []
+    image = np.zeros((299, 299, 3), dtype=np.uint8)
+    monkeypatch.setattr(ShardedDataset, "rgb", lambda _, key: seen.append(key) or image)
+    export.validated_confidence(Blind())  # type: ignore[arg-type]
+    assert seen == read_keys(lists, "validation")
+    seen.clear()
+    export.test_images(1)
+    assert seen == read_keys(lists, "test")[:1]
+
+
+class Blind:
+    """A predictor that finds nothing."""
+
+    confidence = 0.37
+
+    def __call__(self, images: np.ndarray) -> list[Detections]:
+        """Nothing, for each image."""
+        return [Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5))) for _ in images]
+
+
+@pytest.mark.parametrize(("chosen", "counts_from"), [("null", 0.37), ("0", 0.0), ("0.8", 0.8)])
+def test_detections_count_from_the_score_of_the_user_or_of_the_model(
+    chosen: str, counts_from: float
+) -> None:
+    config = composed("profile=smoke", f"detection.confidence={chosen}")
+    assert predictions.least_confidence(config, Blind()) == counts_from  # type: ignore[arg-type]
