@@ -45,7 +45,7 @@ report: $(READY)  ## bring the report up to date, one stage after another
 	@echo "report: $(CURDIR)/reports/ablation.html"
 
 # Not `evaluate`, which also measures speed and therefore runs alone.
-variant-%: $(READY)  ## train one variant, as in `make variant-d`, on data that is there
+variant-%: $(READY)  ## train one of `variants`, as in `make variant-d`, on data that is there
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
 test: $(READY)  ## run all tests
