@@ -17,6 +17,7 @@ from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.config import RenderSettings
 from shaftpose.dataset.coco import RealSample, check_masks, read_coco, read_pixels, write_coco
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 from shaftpose.images import write_jpeg
 from shaftpose.rendering.cluster import connect
 from shaftpose.rendering.jobs import RenderedSet
@@ -64,11 +65,11 @@ def copy_real(source: Path, out: Path) -> None:
         )
     for image in train + test:
         read_pixels(image)
-        target = out / image.path.relative_to(source)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(image.path, target)
+        with new_file(out / image.path.relative_to(source)) as target:
+            shutil.copyfile(image.path, target)
     for part in PARTS:
-        shutil.copyfile(source / f"{part}.json", out / f"{part}.json")
+        with new_file(out / f"{part}.json") as target:
+            shutil.copyfile(source / f"{part}.json", target)
 
 
 def write_stand_in(config: Config, out: Path) -> None:

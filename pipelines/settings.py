@@ -60,10 +60,12 @@ def check_variants(names: Sequence[str]) -> None:
     named: dict[str, str] = {}
     for name in names:
         title = read_variant(name).title
+        if named.get(title) == name:
+            raise InputError(f"params.yaml: variants: {name!r}: listed twice; remove one")
         if title in named:
             raise InputError(
                 f"conf/variant/{name}.yaml: title = {title!r}: conf/variant/{named[title]}.yaml "
-                "has it, too; give each variant its own, and list it once in params.yaml"
+                "has it, too; give each variant its own"
             )
         named[title] = name
 

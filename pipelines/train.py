@@ -48,7 +48,6 @@ from shaftpose.dataset.training_data import (
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
 from shaftpose.errors import InputError
-from shaftpose.files import naming_full_disk
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.network.curves import Curves
 from shaftpose.network.last_checkpoint import LastCheckpoint
@@ -89,7 +88,8 @@ def main(config: Config) -> None:
     if not trainer.is_global_zero:
         fit(trainer, module, data, folder, out)
         return
-    with naming_full_disk(folder), kept(folder) as training_id:
+    noted = about(config, chosen, sizes)  # before it begins: data/ may change meanwhile
+    with kept(folder) as training_id:
         (out / FACTS).unlink(missing_ok=True)  # of another training, whose files are overwritten
         logger.info(
             "training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size
@@ -103,20 +103,27 @@ def main(config: Config) -> None:
         facts = {
             "training_id": training_id,
             "fingerprint": folder.name,
-            "training_images": len(read_keys(Path("data/split"), "train")),
-            "data": rendered_digest(),
-            "real": about_real() if chosen.real_share > 0 else None,
+            **noted,
             "skipped_images": len(skipped.complaints()),
             "steps": trainer.global_step,
-            "batch_size": sizes.batch_size,
-            "width": sizes.width,
-            "seed": config["seed"],
-            "variant": settings_of_variant(config),
-            "recipe": recipe(config),
             "parameters": sum(weight.numel() for weight in module.network.parameters()),
         }
         write_json(out / FACTS, facts)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def about(config: Config, chosen: Variant, sizes: Size) -> dict[str, Any]:
+    """What a training is on and with: what its result is compared by."""
+    return {
+        "training_images": len(read_keys(Path("data/split"), "train")),
+        "data": rendered_digest(),
+        "real": about_real() if chosen.real_share > 0 else None,
+        "batch_size": sizes.batch_size,
+        "width": sizes.width,
+        "seed": config["seed"],
+        "variant": settings_of_variant(config),
+        "recipe": recipe(config),
+    }
 
 
 def about_real() -> dict[str, Any]:
@@ -149,6 +156,8 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path,
         trainer.fit(module, data, ckpt_path=last if last.is_file() else None, weights_only=True)
     except SystemExit as stop:  # Lightning's answer to Ctrl-C
         raise KeyboardInterrupt from stop
+    if trainer.is_global_zero:  # it may be a link into DVC's cache, and Lightning may write to it
+        (out / CHECKPOINT).unlink(missing_ok=True)
     trainer.save_checkpoint(out / CHECKPOINT, weights_only=True)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "pipelines"))
 
-from digests import real_digest, rendered_digest  # noqa: E402
+from digests import rendered_digest  # noqa: E402
 from results import read_json, write_json  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
@@ -37,8 +37,9 @@ def main() -> None:
     parser.add_argument("--with", nargs="*", default=[], dest="settings", help="Hydra's overrides")
     arguments = parser.parse_args()
     try:
+        data = rendered_digest()
         for folder in arguments.folders:
-            check(folder)
+            check(folder, data)
         for folder in arguments.folders:
             evaluate(folder, arguments.settings)
             print(f"recorded in {record(folder)}")
@@ -46,16 +47,17 @@ def main() -> None:
         sys.exit(f"error: {error}")
 
 
-def check(folder: Path) -> None:
-    """Raise InputError unless the folder holds a finished training on the images in data/."""
+def check(folder: Path, data: str) -> None:
+    """Raise InputError unless the folder holds a finished training on the images in data/, of which
+    `data` is the digest."""
     training = noted(folder)
     with whole(str(folder / "training.json"), "train again"):
-        data, real = training["data"], training["real"]
-        _ = training["recipe"], training["variant"]  # which `record` will need
-    if data != rendered_digest() or (real is not None and real["digest"] != real_digest()):
+        # `record` will need these.
+        trained, *_ = (training[key] for key in ("data", "real", "recipe", "variant"))
+    if trained != data:
         raise InputError(
-            f"{folder}: was trained on other images than those in data/: run `dvc repro split "
-            "real_images` with the settings that they were made with"
+            f"{folder}: was trained on other images than those in data/: run `dvc repro split` "
+            "with the settings that they were made with"
         )
     variant_of(folder)
 

@@ -34,6 +34,6 @@ def naming_full_disk(folder: Path) -> Iterator[None]:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         raise InputError(
-            f"{folder}: {error.strerror}; make room there and run it again: finished shards and "
-            "the last checkpoint are kept"
+            f"{folder}: {error.strerror}; make room there and run it again: finished shards are "
+            "kept"
         ) from error

@@ -46,6 +46,12 @@ def test_yaw_is_counted_from_the_seam_on_both_sides():
     assert bin_of("yaw_from_seam_deg", -180)[:2] == (1, 4.0)
 
 
+def test_the_seam_is_where_the_range_of_yaw_begins():
+    bins = binned_errors(ERRORS, np.ones(4), replace(RANGES, yaw_deg=(-180, 178)))
+    beside = {one.low: one.count for one in bins["yaw_from_seam_deg"] if one.low in (-10, 0)}
+    assert beside == {-10: 0, 0: 1}  # 180 deg
+
+
 def test_every_instrument_is_in_one_bin_of_each_quantity():
     assert {name: sum(one.count for one in row) for name, row in FOUND.items()} == dict.fromkeys(
         BINS, 4

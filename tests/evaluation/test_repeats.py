@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -87,15 +88,22 @@ def test_a_seed_that_was_recorded_twice_is_refused():
 
 def test_trainings_of_other_settings_of_a_variant_are_no_repeats():
     records = [record(row(7)), record(row(8), noise=10)]
-    with pytest.raises(InputError, match=r"reports/trainings/d-\*\.json: trainings with different"):
+    with pytest.raises(InputError, match=r"d-7-\*\.json and .*/d-8-\*\.json: trained with differ"):
         by_scale(records)
     assert len(by_scale([record(row(7)), record(row(7, "d_noise"), noise=10)])) == 1
+
+
+def test_variants_that_the_page_could_not_tell_apart_are_refused():
+    with pytest.raises(InputError, match=r"/d-7-.* and .*/mine-7-.*: two variants with the title"):
+        by_scale([record(row(7)), record(replace(row(7, "mine"), title="D"))])
 
 
 def test_trainings_on_other_real_images_are_not_compared():
     plain, real = record(row(7)), record(row(7, "d_noise_real"), real="real")
     assert len(by_scale([plain, real])) == 1
-    with pytest.raises(InputError, match=r"d_noise_real-7-\*\.json, d_noise_real-8-\*\.json: not"):
+    with pytest.raises(
+        InputError, match=r"real-7-\*\.json and .*real-8-\*\.json: trained on differ"
+    ):
         by_scale([plain, real, record(row(8, "d_noise_real"), real="stand-in")])
 
 

@@ -11,6 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from lightning import Trainer
 from omegaconf import OmegaConf
 
+from shaftpose.config import Variant
 from shaftpose.errors import InputError
 from shaftpose.network.pose_bins import BinCoder
 from tests.pipeline.conftest import Run
@@ -59,7 +60,7 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
         ("report.champion_margin=-1", "params.yaml: report.champion_margin = -1: "),
         ("variants=d_noise", "params.yaml.variants = 'd_noise': "),
         ("variants=[]", "params.yaml.variants = []: "),
-        ("variants=[c,d,c]", "conf/variant/c.yaml: title = 'C': conf/variant/c.yaml has it, too"),
+        ("variants=[c,d,c]", "params.yaml: variants: 'c': listed twice"),
     ],
 )
 def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> None:
@@ -85,6 +86,13 @@ def test_classes_follow_the_steps_and_the_ranges() -> None:
     network = networks.build_network(composed("variant=b", "profile=smoke", steps, ranges))
     assert isinstance(network.pose_coder, BinCoder)
     assert network.pose_coder.bins == (20, 20, 5, 4, 36)
+
+
+def test_variants_with_one_title_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    alike = Variant(name="mine", title="D", noise=0, real_share=0.0)
+    monkeypatch.setattr(settings, "read_variant", lambda _: alike)
+    with pytest.raises(InputError, match=r"^conf/variant/mine\.yaml: title = 'D': .*/d\.yaml has"):
+        settings.check_variants(["d", "mine"])
 
 
 def test_a_variant_that_is_not_called_as_its_file_is_named() -> None:

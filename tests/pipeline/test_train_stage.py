@@ -10,6 +10,7 @@ from typing import Any
 import mlflow
 import pytest
 import torch
+import yaml
 from torch import nn
 
 from shaftpose.dataset.split import read_keys
@@ -22,6 +23,7 @@ from tests.pipeline.test_configs import composed
 
 sys.path.insert(0, str(ROOT / "pipelines"))
 
+import digests  # noqa: E402
 import settings  # noqa: E402
 import train  # noqa: E402
 
@@ -86,6 +88,30 @@ def test_the_precision_of_the_device_is_noted(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     noted = facts(folder)["recipe"]["size"]["precision"]
     assert noted == native_precision("cpu")
+
+
+def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = run_stage(folder, *CPU, "variant=d_noise_real", "profiles.smoke.steps=1")
+    assert done.returncode == 0, done.stderr
+    noted = facts(folder)
+    monkeypatch.chdir(folder)
+    assert noted["data"] == digests.rendered_digest()
+    assert noted["real"] == {"domain": "real", "images": 2, "digest": digests.real_digest()}
+    file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
+    assert noted["variant"] == {k: v for k, v in file.items() if k not in ("name", "title")}
+
+
+def test_a_result_that_may_not_be_written_to_is_replaced(folder: Path) -> None:
+    """As DVC's cache: read-only, under a second name, and not where temporary files are."""
+    cached, result = folder / "cached", folder / "models/d/model.ckpt"
+    cached.write_bytes(b"of another training")
+    result.parent.mkdir(parents=True)
+    result.hardlink_to(cached)
+    cached.chmod(0o444)
+    done = run_stage(folder, *CPU, "profiles.smoke.steps=1")
+    assert done.returncode == 0, done.stderr
+    assert cached.read_bytes() == b"of another training"
+    assert "state_dict" in torch.load(result, weights_only=True)
 
 
 def test_a_job_that_fails_does_not_keep_others_of_its_sweep(folder: Path) -> None:

@@ -22,6 +22,7 @@ from shaftpose.backgrounds.variations import (
     vary_colour,
 )
 from shaftpose.errors import InputError
+from shaftpose.files import new_file
 from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
@@ -126,7 +127,7 @@ def write_library(
 
 
 def _write_index(path: Path, rows: list[tuple[str, ...]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as stream:
+    with new_file(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
         index = csv.writer(stream, lineterminator="\n")
         index.writerow(INDEX_COLUMNS)
         index.writerows(rows)

@@ -12,7 +12,8 @@ from shaftpose.evaluation.pose_errors import PoseErrors
 from shaftpose.instruments import POSE_DIMENSIONS
 
 # Into how many bins of one width the range of a quantity is divided, or the edges of its bins. Yaw
-# is counted from the seam, where 358 deg meets 0: an angle learned as a number jumps there.
+# is counted from the seam, the lower end of its range (358 deg meets 0), where an angle that is
+# learned as a number jumps.
 BINS: Mapping[str, int | Sequence[float]] = {
     "z_mm": 6,
     "pitch_deg": 5,
@@ -46,7 +47,7 @@ def binned_errors(
     values = {
         "z_mm": true["z_mm"],
         "pitch_deg": true["pitch_deg"],
-        "yaw_from_seam_deg": (true["yaw_deg"] + 180.0) % 360.0 - 180.0,
+        "yaw_from_seam_deg": (true["yaw_deg"] - ranges.yaw_deg[0] + 180.0) % 360.0 - 180.0,
         "visible_fraction": visible_fractions[errors.instruments],
     }
     return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}

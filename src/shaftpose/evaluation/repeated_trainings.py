@@ -42,7 +42,8 @@ HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
 
 
 # How the names of the pictures begin.
-PICTURES = CURVES, ERRORS = ("curves", "errors")
+CURVES_PICTURE, ERRORS_PICTURE = "curves", "errors"
+PICTURES = (CURVES_PICTURE, ERRORS_PICTURE)
 
 
 def repeated_blocks(records: Sequence[TrainingRecord]) -> list[str]:
@@ -64,10 +65,10 @@ def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
         first: dict[str, TrainingRecord] = {}
         for record in alike:
             first.setdefault(record.row.variant, record)
-        found[_picture(CURVES, scale)] = learning_curve_figure(
+        found[_picture(CURVES_PICTURE, scale)] = learning_curve_figure(
             {_title(record, domain_label): record.curves for record in alike}
         )
-        found[_picture(ERRORS, scale)] = binned_error_figure(
+        found[_picture(ERRORS_PICTURE, scale)] = binned_error_figure(
             {_title(one, domain_label): one.binned_errors for one in first.values()}
         )
     return found
@@ -92,9 +93,9 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
         *_order(rows, domain_label),
         *_common(alike, domain_label),
         f"Learning curves, one line for each training, on the validation images:\n\n"
-        f"![Learning curves]({_picture(CURVES, scale)})",
+        f"![Learning curves]({_picture(CURVES_PICTURE, scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
-        f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS, scale)})",
+        f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS_PICTURE, scale)})",
     ]
 
 

@@ -2,8 +2,9 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingReco
     """The trainings of each scale, in the order in which they come.
 
     Raises InputError if two of a scale have the same variant and seed, those of a variant other
-    settings of it, or two were trained on other real images.
+    settings of it, two variants one title, or if not all saw the same real images.
     """
     found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
     for record in records:
@@ -90,21 +91,26 @@ def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingReco
 def _check_alike(records: Sequence[TrainingRecord]) -> None:
     """Raise InputError unless trainings of one scale agree in what is not part of the scale, as
     some do not have it."""
-    settings: dict[str, Mapping[str, Any]] = {}
-    for record in records:
-        name = record.row.variant
-        if settings.setdefault(name, record.variant) != record.variant:
-            raise InputError(
-                f"reports/trainings/{name}-*.json: trainings with different settings of the "
-                "variant; delete those that are not to count, or give one a variant of its own"
-            )
-    with_real = [record for record in records if record.real is not None]
-    if any(record.real != with_real[0].real for record in with_real):
-        names = ", ".join(f"{one.row.variant}-{one.row.seeds[0]}-*.json" for one in with_real)
-        raise InputError(
-            f"reports/trainings/{names}: not all were trained on the same real images; delete "
-            "those that are not to count"
+    for one, other in combinations(records, 2):
+        pair = " and ".join(
+            f"reports/trainings/{record.row.variant}-{record.row.seeds[0]}-*.json"
+            for record in (one, other)
         )
+        if one.row.variant == other.row.variant and one.variant != other.variant:
+            raise InputError(
+                f"{pair}: trained with different settings of the variant ({one.variant} and "
+                f"{other.variant}); delete one, or train it as a variant of its own"
+            )
+        if one.row.variant != other.row.variant and one.row.title == other.row.title:
+            raise InputError(
+                f"{pair}: two variants with the title {one.row.title!r}; give one another in "
+                "conf/variant/ and record it again"
+            )
+        if one.real and other.real and one.real != other.real:
+            raise InputError(
+                f"{pair}: trained on different real images ({one.real} and {other.real}); delete "
+                "one"
+            )
 
 
 def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:

@@ -22,7 +22,7 @@ RUN = (
     "`{profile}`."
 )
 BINNED = (
-    "Median errors by depth, pitch, yaw around the 0/358 seam and visible fraction, "
+    "Median errors by depth, pitch, yaw around its seam and visible fraction, "
     f"where at least {FEWEST} instruments were found; `make figures` takes the picture over from "
     "the recorded run.\n\n"
     "![Binned errors](images/binned_errors.png)"
