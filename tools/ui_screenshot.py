@@ -4,9 +4,9 @@
 """
 
 import argparse
+import asyncio
 import json
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -20,16 +20,18 @@ from urllib.request import urlopen
 
 import mlflow
 import yaml
+from browser import Page, open_page
 
 from shaftpose import tracking
 from shaftpose.errors import InputError
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PATIENCE_S = 60.0
-# The page asks the server for its data; so long it is given, in the browser's own time.
-SETTLED_MS = 30_000
-SIZE_PX = (1500, 1100)
-TITLE = "Parallel Coordinates Plot"  # stands on the page when its data are there
+SIZE_PX = (1500, 980)
+METRICS = ("validation/tip_mm", "validation/axis_deg", "validation/mAP")
+# Of MLflow's page: the second list to choose from is that of metrics.
+_SELECT = "du-bois-light-select"
+_CHOSEN = f"document.querySelectorAll('.{_SELECT}')[1].querySelectorAll('"
+_OPEN_LIST = f".{_SELECT}-dropdown:not(.{_SELECT}-dropdown-hidden)"
 
 
 def main() -> None:
@@ -41,7 +43,7 @@ def main() -> None:
     try:
         page = comparison(arguments.sweep)
         with server() as address:
-            take_picture(f"{address}/#{page}", arguments.out)
+            asyncio.run(take_picture(f"{address}/#{page}", arguments.out))
     except InputError as error:
         sys.exit(f"error: {error}")
     print(f"the picture is {arguments.out}")
@@ -100,36 +102,44 @@ def await_server(address: str) -> None:
     raise InputError(f"{address}: MLflow does not answer; try `make ui` to see why")
 
 
-def take_picture(url: str, path: Path) -> None:
-    """Write what a browser without a window shows when the page has its data.
+async def take_picture(url: str, path: Path) -> None:
+    """Write what the page shows when its plot is of `METRICS`, the last of which colours the lines.
 
-    Raises InputError if it does not show `TITLE`: a page that could not load has a picture, too.
+    By itself it begins with another metric. Raises InputError if the page is not as it is known.
     """
-    path.unlink(missing_ok=True)
-    if TITLE not in browse(url, "--dump-dom"):
-        raise InputError(f"{url}: the page does not show {TITLE!r}; open it to see why")
-    browse(url, f"--screenshot={path.resolve()}")
-    if not path.is_file():
-        raise InputError(f"{path}: no picture of {url} was taken; open it to see why")
+    async with open_page(SIZE_PX) as page:
+        await page.show(url)
+        await page.wait_until("document.querySelector('.js-plotly-plot text') !== null")
+        await page.run("document.querySelector('[aria-label=Close]')?.click()")  # the assistant
+        await page.run(f"{_CHOSEN} .{_SELECT}-selection-item-remove')[0].click()")
+        for metric in METRICS:
+            await _choose(page, metric)
+        await page.run("document.body.dispatchEvent(new MouseEvent('mousedown', {bubbles: true}))")
+        await page.wait_until(f"document.querySelector('{_OPEN_LIST}') === null")
+        for metric in METRICS:
+            await page.wait_until(
+                "[...document.querySelectorAll('.js-plotly-plot text')]"
+                f".some((label) => label.textContent === '{metric}')"
+            )
+        await page.take_picture(path)
 
 
-def browse(url: str, wanted: str) -> str:
-    """What the browser prints when it opens a page for what the option `wanted` asks."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        raise InputError(f"none of {', '.join(BROWSERS)} is installed; install one of them")
-    options = [
-        "--headless=new", "--hide-scrollbars", "--disable-gpu", wanted,
-        f"--window-size={SIZE_PX[0]},{SIZE_PX[1]}", f"--virtual-time-budget={SETTLED_MS}",
-        *(["--no-sandbox"] if os.geteuid() == 0 else []),  # Chromium refuses root otherwise
-    ]  # fmt: skip
-    try:
-        done = subprocess.run(
-            [browser, *options, url], capture_output=True, text=True, timeout=10 * PATIENCE_S
-        )
-    except subprocess.TimeoutExpired as error:
-        raise InputError(f"{browser} does not come to an end with {url}; open it there") from error
-    return done.stdout
+async def _choose(page: Page, metric: str) -> None:
+    """Choose a metric as a user does: open the list, type, click."""
+    await page.run(
+        f"{_CHOSEN} .{_SELECT}-selector')[0]"
+        ".dispatchEvent(new MouseEvent('mousedown', {bubbles: true}))"
+    )
+    # React listens to the native setter alone.
+    await page.run(
+        f"(() => {{ const input = {_CHOSEN} input')[0];"
+        "Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value')"
+        f".set.call(input, '{metric}');"
+        "input.dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+    option = f"document.querySelector('.{_SELECT}-item-option[title=\"{metric}\"]')"
+    await page.wait_until(f"{option} !== null")
+    await page.run(f"{option}.click()")
 
 
 if __name__ == "__main__":
