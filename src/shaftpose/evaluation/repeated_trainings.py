@@ -27,9 +27,9 @@ ORDER = (
     "together (of a variant that was trained once: the largest known one). One beyond it is a "
     "hint, no proof: between so few trainings, chance often makes one. Of B the paper says only "
     "that rotations in steps of 5 deg are not precise enough; what classes cost at best is in "
-    "[architecture.md](architecture.md#sizes). A variant that finds more "
-    "instruments, the hard ones among them, may pay for it with larger errors. What follows from all "
-    "this, and why, is in [ablation.md](ablation.md)."
+    "[architecture.md](architecture.md#sizes). A variant that finds more instruments, hard ones "
+    "among them, may pay for it with larger errors. [ablation.md](ablation.md) says what follows "
+    "from all this, and why."
 )
 COMMON = (
     "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "
