@@ -100,7 +100,7 @@ def draw_figures(
         for title, result in titled.items()
     }
     learning = {
-        title: [tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]
+        title: [[tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]]
         for title, result in titled.items()
     }
     bins = {title: from_plain(result["binned_errors"]) for title, result in titled.items()}

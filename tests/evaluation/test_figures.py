@@ -39,9 +39,12 @@ def test_pose_errors_without_matches_say_so():
 
 def test_learning_curves_have_a_panel_for_each_name():
     rows = [(20, "loss", 1.0), (10, "loss", 2.0), (10, "mAP", 0.1)]
-    figure = learning_curve_figure({"C": rows, "D": rows[:2]})
+    figure = learning_curve_figure({"C": [rows, rows[1:]], "D": [rows[:2]]})
     assert [axes.get_ylabel() for axes in figure.axes] == ["loss", "mAP"]
-    np.testing.assert_array_equal(figure.axes[0].lines[1].get_xydata(), [[10, 2], [20, 1]])
+    first, repeat, other = figure.axes[0].lines
+    np.testing.assert_array_equal(other.get_xydata(), [[10, 2], [20, 1]])
+    assert first.get_color() == repeat.get_color() != other.get_color()
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]
 
 
 def test_ablation_bars_stand_beside_the_paper():

@@ -236,7 +236,7 @@ def test_the_page_shows_the_pictures_that_are_drawn():
     figures = repeated_figures([*trainings, other])
     assert all(f"({name})" in page(*trainings, other) for name in figures)
     # Curves and errors of the first scale, then those of the other one.
-    assert [len(figure.legends[0].texts) for figure in figures.values()] == [3, 2, 1, 1]
+    assert [len(figure.legends[0].texts) for figure in figures.values()] == [2, 2, 1, 1]
 
 
 def test_pictures_of_records_that_are_gone_are_removed(tmp_path: Path):

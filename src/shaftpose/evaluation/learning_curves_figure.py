@@ -1,4 +1,4 @@
-"""The figure of learning curves: all trainings side by side."""
+"""The figure of learning curves: all variants side by side."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,16 +7,21 @@ from matplotlib.figure import Figure
 
 from shaftpose.evaluation.figure_style import finish, legend, line_style, new_figure
 
+Curves = Sequence[tuple[int, str, float]]  # rows of step, name and value of one training
 
-def learning_curve_figure(curves: Mapping[str, Sequence[tuple[int, str, float]]]) -> Figure:
-    """Rows (step, name, value) by title: a panel for each name, a line for each training."""
-    names = list(dict.fromkeys(name for rows in curves.values() for _, name, _ in rows))
+
+def learning_curve_figure(trainings: Mapping[str, Sequence[Curves]]) -> Figure:
+    """The trainings of each variant, by title: a panel for each name, a line for each training,
+    lines of one variant alike."""
+    rows = [row for variant in trainings.values() for curves in variant for row in curves]
+    names = list(dict.fromkeys(name for _, name, _ in rows))
     columns = min(3, max(1, len(names)))
     lines = -(-max(1, len(names)) // columns)
     figure = new_figure(5.0 * columns, 2.8 * lines + 0.5)
     panels = figure.subplots(lines, columns, squeeze=False).ravel()
     for axes, name in zip(panels, names, strict=False):
-        _draw_learning(axes, name, curves)
+        for index, (title, variant) in enumerate(trainings.items()):
+            _draw(axes, name, variant, title, index)
         finish(axes, "step", name)
     for unused in panels[len(names) :]:
         unused.remove()
@@ -24,10 +29,9 @@ def learning_curve_figure(curves: Mapping[str, Sequence[tuple[int, str, float]]]
     return figure
 
 
-def _draw_learning(
-    axes: Axes, name: str, curves: Mapping[str, Sequence[tuple[int, str, float]]]
-) -> None:
-    for index, (title, rows) in enumerate(curves.items()):
-        points = sorted((step, value) for step, row_name, value in rows if row_name == name)
+def _draw(axes: Axes, name: str, variant: Sequence[Curves], title: str, index: int) -> None:
+    for number, curves in enumerate(variant):
+        points = sorted((step, value) for step, row_name, value in curves if row_name == name)
         steps, values = [step for step, _ in points], [value for _, value in points]
-        axes.plot(steps, values, label=title, **line_style(index))
+        # One line of the legend stands for all of them.
+        axes.plot(steps, values, label="" if number else title, **line_style(index))

@@ -62,16 +62,17 @@ def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
     path beside the page."""
     found = {}
     for scale, alike in by_scale(records).items():
-        domain_label = _domain_of(alike)
-        first: dict[str, TrainingRecord] = {}
+        by_title: dict[str, list[TrainingRecord]] = {}
         for record in alike:
-            first.setdefault(record.row.variant, record)
+            title = variant_title(record.row.variant, _domain_of(alike), record.row.title)
+            by_title.setdefault(title, []).append(record)
         found[_picture(CURVES_PICTURE, scale)] = learning_curve_figure(
-            {_title(record, domain_label): record.curves for record in alike}
+            {title: [one.curves for one in repeats] for title, repeats in by_title.items()}
         )
-        found[_picture(ERRORS_PICTURE, scale)] = binned_error_figure(
-            {_title(one, domain_label): one.binned_errors for one in first.values()}
-        )
+        found[_picture(ERRORS_PICTURE, scale)] = binned_error_figure({
+            f"{title}, seed {first.row.seeds[0]}": first.binned_errors
+            for title, (first, *_) in by_title.items()
+        })  # fmt: skip
     return found
 
 
@@ -138,11 +139,6 @@ def _cell(metric: str, change: paper_order.Change | None) -> str:
     if change is None:
         return report_tables.MISSING
     return f"{change.difference:+.{DECIMALS[metric]}f} {change.verdict}"
-
-
-def _title(record: TrainingRecord, domain_label: str) -> str:
-    row = record.row
-    return f"{variant_title(row.variant, domain_label, row.title)}, seed {row.seeds[0]}"
 
 
 def _picture(name: str, scale: Scale) -> str:
