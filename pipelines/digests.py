@@ -1,13 +1,30 @@
-"""What the data of a training are recognised by: digests of their bytes."""
+"""What the data of a training are, and what they are recognised by: digests of their bytes."""
 
 import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+from results import read_domain
 
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.shards import shard_paths
+
+
+def about_data(with_real: bool) -> dict[str, Any]:
+    """What a training is on, with the real, or stand-in, images if they are mixed in."""
+    return {
+        "training_images": len(read_keys(Path("data/split"), "train")),
+        "data": rendered_digest(),
+        "real": _about_real() if with_real else None,
+    }
+
+
+def _about_real() -> dict[str, Any]:
+    images = read_coco(Path("data/real/train.json"))
+    return {"domain": read_domain(), "images": len(images), "digest": real_digest()}
 
 
 def rendered_digest() -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from digests import real_digest, rendered_digest
+from digests import about_data
 from lightning import Callback, LightningModule, Trainer, seed_everything
 from lightning.pytorch.callbacks import (
     EMAWeightAveraging,
@@ -21,7 +21,7 @@ from lightning.pytorch.callbacks import (
 from lightning.pytorch.loggers import MLFlowLogger
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from networks import build_network, identity, variant
-from results import read_domain, read_training, write_json
+from results import read_training, write_json
 from settings import size
 from stage import Config, stage
 from unfinished import (
@@ -78,7 +78,8 @@ def main(config: Config) -> None:
     chosen, sizes, out = variant(config), size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
-    folder = scratch_folder(config, with_real=chosen.real_share > 0)
+    data_facts = about_data(with_real=chosen.real_share > 0)
+    folder = scratch_folder(config, data_facts)
     if is_finished(out, folder.name):
         logger.info("training %s: finished; its result is in %s", chosen.title, out)
         return
@@ -88,7 +89,6 @@ def main(config: Config) -> None:
     if not trainer.is_global_zero:
         fit(trainer, module, data, folder, out)
         return
-    noted = about(config, chosen, sizes)  # before it begins: data/ may change meanwhile
     with kept(folder) as training_id:
         (out / FACTS).unlink(missing_ok=True)  # of another training, whose files are overwritten
         logger.info(
@@ -103,7 +103,8 @@ def main(config: Config) -> None:
         facts = {
             "training_id": training_id,
             "fingerprint": folder.name,
-            **noted,
+            **data_facts,
+            **about_settings(config, sizes),
             "skipped_images": len(skipped.complaints()),
             "steps": trainer.global_step,
             "parameters": sum(weight.numel() for weight in module.network.parameters()),
@@ -112,24 +113,15 @@ def main(config: Config) -> None:
     logger.info("checkpoint and learning curves are in %s", out)
 
 
-def about(config: Config, chosen: Variant, sizes: Size) -> dict[str, Any]:
-    """What a training is on and with: what its result is compared by."""
+def about_settings(config: Config, sizes: Size) -> dict[str, Any]:
+    """What a training is with: what its result is compared by, besides the data."""
     return {
-        "training_images": len(read_keys(Path("data/split"), "train")),
-        "data": rendered_digest(),
-        "real": about_real() if chosen.real_share > 0 else None,
         "batch_size": sizes.batch_size,
         "width": sizes.width,
         "seed": config["seed"],
         "variant": settings_of_variant(config),
         "recipe": recipe(config),
     }
-
-
-def about_real() -> dict[str, Any]:
-    """What the real, or stand-in, images are that are mixed in."""
-    images = read_coco(Path("data/real/train.json"))
-    return {"domain": read_domain(), "images": len(images), "digest": real_digest()}
 
 
 def with_precision(config: Config) -> Config:

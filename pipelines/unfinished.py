@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from digests import real_digest, rendered_digest
 from filelock import AcquireReturnProxy, FileLock, Timeout
 from stage import SCRATCH, Config
 
@@ -62,9 +61,9 @@ def _training_id(note: Path) -> str:
     return note.read_text()
 
 
-def scratch_folder(config: Config, with_real: bool) -> Path:
-    """The folder of the training that the configuration describes, on the data that are there."""
-    return SCRATCH / "training" / fingerprint(config, with_real)
+def scratch_folder(config: Config, data_facts: dict[str, Any]) -> Path:
+    """The folder of the training that the configuration describes, on these data."""
+    return SCRATCH / "training" / fingerprint(config, data_facts)
 
 
 def recipe(config: Config) -> dict[str, Any]:
@@ -84,17 +83,17 @@ def settings_of(config: Config) -> dict[str, Any]:
     return recipe(config) | {part: config[part] for part in _OTHER_PARTS}
 
 
-def fingerprint(config: Config, with_real: bool) -> str:
-    """Hexadecimal digest of all that determines a training: settings, code, packages and the bytes
-    of the data, those of the real images if they are trained on."""
-    digest = hashlib.sha256(json.dumps(settings_of(config), sort_keys=True).encode())
+def fingerprint(config: Config, data_facts: dict[str, Any]) -> str:
+    """Hexadecimal digest of all that determines a training: settings, code, packages and data.
+
+    data_facts: what `digests.about_data` says.
+    """
+    described = [settings_of(config), data_facts]
+    digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())
     for path in code_files():
         digest.update(path.name.encode() + path.read_bytes())
-    digest.update(rendered_digest().encode())
-    if with_real:
-        digest.update(real_digest().encode())
     return digest.hexdigest()[:16]
 
 

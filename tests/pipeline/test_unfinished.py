@@ -13,6 +13,7 @@ from tests.pipeline.test_dvc_inputs import parameters_listed
 
 sys.path.insert(0, str(ROOT / "pipelines"))
 
+import digests  # noqa: E402
 import unfinished  # noqa: E402
 from stage import Config  # noqa: E402
 
@@ -39,7 +40,7 @@ def changed(config: Config, key: str) -> Config:
 
 
 def fingerprint(config: Config) -> str:
-    return unfinished.fingerprint(config, with_real=False)
+    return unfinished.fingerprint(config, digests.about_data(with_real=False))
 
 
 @pytest.mark.parametrize("key", WATCHED)
@@ -81,13 +82,13 @@ def test_the_code_that_dvc_watches_is_hashed_and_no_other() -> None:
 def test_other_data_make_another_training(
     inside: Path, config: Config, name: str, with_real: bool
 ) -> None:
-    before = unfinished.fingerprint(config, with_real)
+    before = unfinished.fingerprint(config, digests.about_data(with_real))
     content = (inside / name).read_bytes()
     (inside / name).write_bytes(content + b" ")
-    after = unfinished.fingerprint(config, with_real)
+    after = unfinished.fingerprint(config, digests.about_data(with_real))
     (inside / name).write_bytes(content)
     assert after != before
-    assert unfinished.fingerprint(config, with_real) == before
+    assert unfinished.fingerprint(config, digests.about_data(with_real)) == before
 
 
 def test_an_interrupted_training_keeps_its_folder_and_its_id(tmp_path: Path) -> None:
