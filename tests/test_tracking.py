@@ -169,3 +169,17 @@ def test_a_champion_is_registered_once(store: Path, constant_model: Path) -> Non
         tracking.register_champion(name, "d", "the rule")
         versions.append(client.get_model_version_by_alias("shaftpose", "champion").version)
     assert [int(version) for version in versions] == [1, 1, 2]
+
+
+def test_a_champion_that_was_exported_again_is_registered_again(
+    store: Path, constant_model: Path
+) -> None:
+    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
+    client, models = mlflow.MlflowClient(), []
+    for _ in range(2):
+        tracking.log_model("id-6", "d", constant_model, image)
+        tracking.register_champion("id-6", "d", "the rule")
+        models.append(client.get_model_version_by_alias("shaftpose", "champion").source)
+    (run,) = mlflow.search_runs(output_format="list")
+    assert set(models) == {f"models:/{o.model_id}" for o in run.outputs.model_outputs}
+    assert len(set(models)) == 2

@@ -213,29 +213,36 @@ def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> 
 
 
 def register_champion(training_id: str, name: str, rule: str) -> None:
-    """Register the model of a training's run and give it the alias `champion`.
+    """Register the model that was last exported of a training and give it the alias `champion`.
 
     A run that does not hold the model, because it was logged to another database, is passed over.
     """
-    run_id = _run_of(training_id, name)
     client = mlflow.MlflowClient()
-    outputs = client.get_run(run_id).outputs
-    if outputs is None or not outputs.model_outputs:
+    model = _last_model(client, _run_of(training_id, name))
+    if model is None:
         logger.warning(
             "%s: this MLflow database lacks its model; run `dvc repro -s -f export`", name
         )
         return
-    if _champion_run(client) == run_id:
+    if _champion(client) == model:
         return
-    version = mlflow.register_model(f"runs:/{run_id}/model", MODEL_NAME)
+    version = mlflow.register_model(model, MODEL_NAME)
     client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
     client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)
 
 
-def _champion_run(client: mlflow.MlflowClient) -> str | None:
-    """The run whose model is champion now."""
+def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:
+    """The URI of the model that was logged to a run last, if any: each export logs one."""
+    outputs = client.get_run(run_id).outputs
+    logged = [client.get_logged_model(o.model_id) for o in outputs.model_outputs] if outputs else []
+    newest = max(logged, key=lambda model: model.creation_timestamp, default=None)
+    return None if newest is None else f"models:/{newest.model_id}"
+
+
+def _champion(client: mlflow.MlflowClient) -> str | None:
+    """The URI of the model that is champion now."""
     try:
-        return str(client.get_model_version_by_alias(MODEL_NAME, CHAMPION).run_id)
+        return str(client.get_model_version_by_alias(MODEL_NAME, CHAMPION).source)
     except mlflow.exceptions.MlflowException:  # there is none yet
         return None
 

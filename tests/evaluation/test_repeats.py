@@ -37,7 +37,7 @@ def test_mean_and_half_range_by_hand():
     assert whole.seeds == (7, 8, 9)
 
 
-FOUND = FoundInstruments(4, [0, 2, 3], [1.0, 2.0, 6.0], [0.5, 1.5, 2.5])
+FOUND = FoundInstruments(4, [0, 2, 3], {"z_mm": [0.5, 1.5, 2.5], "tip_mm": [1.0, 2.0, 6.0]})
 
 
 def record(
@@ -189,12 +189,15 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
 
 
 def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
-    less = FoundInstruments(4, [3, 2], [4.0, 5.0], [1.0, 3.0])
+    less = FoundInstruments(4, [3, 2], {"z_mm": [1.0, 3.0], "tip_mm": [4.0, 5.0]})
     trainings = [record(row(7)), record(row(8), found=less), record(row(7, "c"), found=less)]
     text = page(*trainings)
     # All found 2 and 3: with seed 7 tips are off by 2 and 6 mm, with seed 8 by 5 and 4 mm.
     assert "2 of 4 that every one of these trainings found" in text
-    assert "| D | 2.00 ± 0.00 | 4.25 ± 0.25 |\n| C | 2.00 | 4.50 |" in text
+    # In depth, by 1.5 and 2.5 mm, and by 3 and 1 mm. Other errors these have not.
+    other = "n/a | n/a |"
+    assert f"| D | {other} 2.00 ± 0.00 | {other} n/a | 4.25 ± 0.25 |" in text
+    assert f"| C | {other} 2.00 | {other} n/a | 4.50 |" in text
 
 
 def test_trainings_on_other_images_are_not_compared():
@@ -211,10 +214,10 @@ def test_headings_say_what_sets_scales_apart():
 
 
 def test_trainings_that_share_no_instrument_have_no_errors_to_compare():
-    nothing = FoundInstruments(4, [], [], [])
+    nothing = FoundInstruments(4, [], {"tip_mm": []})
     text = page(record(row(7)), record(row(8), found=nothing))
     assert "0 of 4 that every one" in text
-    assert "| D | n/a | n/a |" in text
+    assert f"| D |{' n/a |' * 7}" in text
 
 
 def test_the_page_says_that_a_training_was_ended_before_its_last_step():

@@ -51,11 +51,6 @@ class RealImage:
     height: int
     instruments: tuple[RealInstrument, ...]
 
-    @property
-    def occluded(self) -> bool:
-        """Whether part of any instrument is hidden."""
-        return any(instrument.occluded for instrument in self.instruments)
-
 
 @dataclass(frozen=True)
 class RealSample:
@@ -269,7 +264,7 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
         rgb=centre_square(rgb, size_px),
         boxes=np.array([i.box for i in kept], dtype=np.float64).reshape(-1, 4),
         masks=tuple(polygon_mask(i.polygons, size_px) for i in kept),
-        occluded=image.occluded,
+        occluded=any(instrument.occluded for instrument in kept),
     )
 
 

@@ -56,13 +56,15 @@ def check_parity(
     least_score: float = 0.1,
     continuous: bool = True,
 ) -> Parity:
-    """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB.
+    """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB; all,
+    if a network that is hardly trained has none of that score.
 
     continuous: whether the poses are numbers and not classes.
     """
     with torch.inference_mode():
         outputs = detector.eval()(torch.from_numpy(images))
     boxes, scores, poses = (values.double().numpy() for values in outputs)
+    least_score = least_score if np.any(scores >= least_score) else 0.0
     detections, differences, singles = 0, [(0.0, 0.0, 0.0)], Counter[str]()
     for n, found in enumerate(predictor(images)):
         there = scores[n] > 0  # the rest is padding
@@ -82,7 +84,8 @@ def check_parity(
         tied=singles["tied"],
         missing=singles["missing"],
         extra=singles["extra"],
-        jumped=sum(apart > POSE_TOLERANCE for _, _, apart in differences),
+        # Not `>`, which a pose that is no number would pass.
+        jumped=sum(not apart <= POSE_TOLERANCE for _, _, apart in differences),
         jumps_allowed=0 if continuous else math.ceil(JUMPS * detections),
         score=score,
         box_px=box_px,

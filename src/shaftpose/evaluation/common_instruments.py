@@ -4,7 +4,7 @@ A mean error is of the instruments that a network found. One that finds few of t
 looks the more precise for it; on the instruments that all found, none has that advantage.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +18,13 @@ DECIMALS = 3  # of mm and deg that are kept: far below what a network or a robot
 class FoundInstruments:
     """Which of the `total` instruments of a test set a training found, and their errors.
 
-    Three lists of one length: `instruments` are numbers, counted through the set; `tip_mm` is the
-    distance between the tips, `axis_deg` the angle between the axes.
+    Lists of one length: `instruments` are numbers, counted through the set; `errors` are those of
+    `PoseErrors.by_name`.
     """
 
     total: int
     instruments: Sequence[int]
-    tip_mm: Sequence[float]
-    axis_deg: Sequence[float]
+    errors: Mapping[str, Sequence[float]]
 
 
 def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
@@ -33,8 +32,7 @@ def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
     return FoundInstruments(
         total,
         errors.instruments.tolist(),
-        errors.tip_mm.round(DECIMALS).tolist(),
-        errors.axis_deg.round(DECIMALS).tolist(),
+        {name: values.round(DECIMALS).tolist() for name, values in errors.by_name.items()},
     )
 
 
@@ -48,5 +46,5 @@ def means_on(found: FoundInstruments, instruments: set[int]) -> dict[str, float 
     chosen = [n for n, instrument in enumerate(found.instruments) if instrument in instruments]
     return {
         name: float(np.mean([values[n] for n in chosen])) if chosen else None
-        for name, values in (("tip_mm", found.tip_mm), ("axis_deg", found.axis_deg))
+        for name, values in found.errors.items()
     }

@@ -32,11 +32,15 @@ class PoseErrors:
         """(M, 5) absolute differences; yaw in [0, 180] deg."""
         return np.abs(self.differences)
 
+    @property
+    def by_name(self) -> dict[str, Array]:
+        """(M,) absolute errors by metric name."""
+        errors = dict(zip(POSE_DIMENSIONS, self.absolute.T, strict=True))
+        return errors | {"axis_deg": self.axis_deg, "tip_mm": self.tip_mm}
+
     def means(self) -> dict[str, float | None]:
         """Mean absolute error by metric name; None where no instrument was matched."""
-        errors = dict(zip(POSE_DIMENSIONS, self.absolute.T, strict=True))
-        errors |= {"axis_deg": self.axis_deg, "tip_mm": self.tip_mm}
-        return {name: float(np.mean(e)) if len(e) else None for name, e in errors.items()}
+        return {name: float(np.mean(e)) if len(e) else None for name, e in self.by_name.items()}
 
 
 def pose_errors(

@@ -14,6 +14,7 @@ from shaftpose.evaluation.repeats import Scale, by_scale, distinctions, rows_of
 from shaftpose.evaluation.report import pipe_table, table_i_block
 from shaftpose.evaluation.report_tables import TABLE_I_METRICS
 from shaftpose.evaluation.training_record import TrainingRecord
+from shaftpose.instruments import POSE_DIMENSIONS
 
 INTRO = (
     "The trainings that `tools/evaluate_trainings.py` recorded in `reports/trainings`, and no "
@@ -36,7 +37,7 @@ COMMON = (
     "trainings found."
 )
 COMMON_COLUMNS = tuple(
-    column for column in TABLE_I_METRICS if column.name in ("tip_mm", "axis_deg")
+    column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
 )
 DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
 HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
