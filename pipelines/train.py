@@ -94,7 +94,7 @@ def main(config: Config) -> None:
         logger.info(
             "training %s: %d steps of %d images", chosen.title, sizes.steps, sizes.batch_size
         )
-        with tracked(config, chosen, training_id, out) as mlflow_logger:
+        with tracked(config, data_facts, training_id, out) as mlflow_logger:
             trainer.loggers = [curves, mlflow_logger]
             fit(trainer, module, data, folder, out)
         if trainer.global_step < sizes.steps:
@@ -154,14 +154,19 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path,
 
 
 @contextmanager
-def tracked(config: Config, chosen: Variant, training_id: str, out: Path) -> Iterator[MLFlowLogger]:
+def tracked(
+    config: Config, data_facts: dict[str, Any], training_id: str, out: Path
+) -> Iterator[MLFlowLogger]:
     """The training's MLflow run."""
     tracking.connect(**config["tracking"])
+    digests = {"digest": data_facts["data"]}
+    if data_facts["real"]:
+        digests["real_digest"] = data_facts["real"]["digest"]
     with tracking.training_run(
         training_id,
-        name=chosen.name,
-        parameters=logged_parameters(config),
-        dataset=tracking.dataset_identity(Path("dvc.lock")),
+        name=config["variant"]["name"],
+        parameters=logged_parameters(config, data_facts),
+        dataset=tracking.dataset_identity(Path("dvc.lock")) | digests,
         sweep_folder=out.parent,
     ) as mlflow_logger:
         yield mlflow_logger
@@ -289,11 +294,13 @@ class EndAtOnce(Callback):
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
-def logged_parameters(config: Config) -> dict[str, Any]:
+def logged_parameters(config: Config, data_facts: dict[str, Any]) -> dict[str, Any]:
     """What MLflow shows of a training: what determines it, and where its settings come from."""
-    images = len(read_keys(Path("data/split"), "train"))
-    origin = {"profile": config["profile"], "training_images": images, "torch": torch.__version__}
-    return settings_of(config) | origin
+    return settings_of(config) | {
+        "profile": config["profile"],
+        "training_images": data_facts["training_images"],
+        "torch": torch.__version__,
+    }
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ LAST_CHECKPOINT = "last.ckpt"
 # What determines a training, besides code and data: parts of the configuration, less what may
 # change in between, and packages. Trainings that are compared must agree in the first ones.
 _RECIPE = ("size", "backbone", "loss", "poses", "training")
-_OTHER_PARTS = ("variant", "seed", "camera", "trainer")
+_OTHER_PARTS = ("seed", "camera", "trainer")
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}  # of `training`
 _CALLED = {"name", "title"}  # of `variant`
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
@@ -80,7 +80,8 @@ def settings_of_variant(config: Config) -> dict[str, Any]:
 
 def settings_of(config: Config) -> dict[str, Any]:
     """All settings that determine a training."""
-    return recipe(config) | {part: config[part] for part in _OTHER_PARTS}
+    named = {"name": config["variant"]["name"], **settings_of_variant(config)}
+    return recipe(config) | {"variant": named} | {part: config[part] for part in _OTHER_PARTS}
 
 
 def fingerprint(config: Config, data_facts: dict[str, Any]) -> str:

@@ -211,6 +211,17 @@ def test_a_size_that_is_never_validated_is_refused() -> None:
     assert message.startswith("params.yaml: part.validate_every = 0: ")
 
 
+def test_a_round_field_in_the_pixels_of_another_image_is_refused() -> None:
+    values = render_values()
+    values["lens"] = {**values["lens"], "field_px": 1000}
+    message = complaint(RenderSettings, values)
+    # 299 px sqrt(2) = 422.85 px
+    assert "lens.field_px = 1000 blackens nothing: the diagonal of the rendered image" in message
+    assert "423" in message
+    values["lens"]["field_px"] = 420
+    assert parse(RenderSettings, values, "here").lens.field_px == 420
+
+
 def test_a_warm_up_as_long_as_the_training_is_refused() -> None:
     message = complaint(Size, {**PROFILES["smoke"], "steps": 300, "warmup_steps": 300})
     assert message == "params.yaml: part: warmup_steps = 300 must be less than steps = 300"

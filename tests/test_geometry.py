@@ -12,6 +12,7 @@ from shaftpose.geometry import (
     axis_direction,
     crossed_share,
     cylinder_depth,
+    is_crossed,
     mask_box,
     pose_from_rotation,
     segment_distance,
@@ -360,3 +361,10 @@ def test_the_most_covered_mask_counts() -> None:
     assert crossed_share(front, rows) == 0.5
     assert crossed_share(front, rows[2:]) == 0
     assert crossed_share(front, []) == 0
+
+
+def test_a_shaft_is_crossed_if_the_share_is_wanted_and_not_nothing() -> None:
+    assert [is_crossed(share, (0.0, 0.5)) for share in (0.0, 0.1, 0.5, 0.6)] == [
+        False, True, True, False,
+    ]  # fmt: skip
+    assert not is_crossed(0.1, (0.2, 0.5))

@@ -5,6 +5,7 @@ classes or fails with one line that names the key, the value and what is allowed
 """
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -205,11 +206,6 @@ class SceneSettings:
     crossing_probability: Fraction
     crossing_coverage: UnitRange
 
-    def is_crossed(self, share: float) -> bool:
-        """Whether a shaft of which another hides this share is crossed as the settings want it."""
-        low, high = self.crossing_coverage
-        return share > 0 and low <= share <= high
-
 
 @dataclass(frozen=True, config=_STRICT)
 class Distortion:
@@ -226,7 +222,8 @@ class LensSettings:
     blur_px: standard deviation of the defocus; motion_px: way of the image during the exposure;
     haze: opacity of surgical smoke; vignette: darkening at the corners; noise: standard deviation
     of sensor noise in grey levels of 255; jpeg_quality: of the recorder, whose compression comes
-    before that of the stored file; field_px: diameter of the round picture of a scope.
+    before that of the stored file; field_px: diameter of the round picture of a scope. Pixels are
+    those of the rendered image, of `camera.size_px`.
     """
 
     blur_px: PositiveRange
@@ -254,6 +251,14 @@ class RenderSettings:
     samples: PositiveInt
     jpeg_quality: Annotated[int, Field(ge=1, le=100)]
     device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
+
+    def __post_init__(self) -> None:
+        field_px, diagonal_px = self.lens.field_px, math.sqrt(2) * self.camera.size_px
+        if field_px is not None and field_px >= diagonal_px:
+            raise ValueError(
+                f"lens.field_px = {field_px:g} blackens nothing: the diagonal of the rendered "
+                f"image, in whose pixels it is, has {diagonal_px:.0f}; make it less, or null"
+            )
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -255,6 +255,12 @@ def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]])
     )
 
 
+def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
+    """Whether a shaft of which another hides this share is crossed as `crossing_coverage` wants."""
+    low, high = coverage
+    return share > 0 and low <= share <= high
+
+
 def box_iou(a: Array, b: Array) -> Array:
     """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
 

@@ -79,7 +79,7 @@ def training_run(
     """The MLflow run of one training, with system metrics; yields Lightning's logger for it.
 
     A training that was interrupted goes on in the run that it has.
-    parameters: nested, logged flat; dataset: path -> DVC hash of what is trained on;
+    parameters: nested, logged flat; dataset: name -> digest of what is trained on;
     sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's.
     """
     from lightning.pytorch.loggers import MLFlowLogger  # seconds, which only trainings wait

@@ -1,6 +1,7 @@
 """A clone of the project at the `smoke` profile, in which the real pipeline runs."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -31,13 +32,24 @@ def inside(project: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return project
 
 
+# What users set in params.yaml, and what the tests need; without the comments behind it.
+SETTINGS = {
+    "profile": "smoke",
+    "variants": "[c, d, d_noise, d_noise_real]",
+    "  source": "null",  # of backgrounds and of real images
+}
+
+
 @pytest.fixture(scope="session")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tracked files as they are now, a Git repository of their own, profile `smoke`."""
+    """The tracked files as they are now, but for `SETTINGS`, a Git repository of their own."""
     folder = tmp_path_factory.mktemp("clone")
     copy_tracked(ROOT, folder)
     (folder / "dvc.lock").unlink(missing_ok=True)
-    replace_in(folder / "params.yaml", "profile: demo", "profile: smoke")
+    text = (folder / "params.yaml").read_text()
+    for key, value in SETTINGS.items():
+        text = re.sub(f"^{key}:.*", f"{key}: {value}", text, flags=re.MULTILINE)
+    (folder / "params.yaml").write_text(text)
     commit(folder)
     return folder
 

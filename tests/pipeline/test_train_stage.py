@@ -99,6 +99,10 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     assert noted["real"] == {"domain": "real", "images": 2, "digest": digests.real_digest()}
     file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
     assert noted["variant"] == {k: v for k, v in file.items() if k not in ("name", "title")}
+    mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
+    (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    assert run.data.tags["dataset.digest"] == noted["data"]
+    assert run.data.tags["dataset.real_digest"] == noted["real"]["digest"]
 
 
 def test_a_result_that_may_not_be_written_to_is_replaced(folder: Path) -> None:

@@ -52,6 +52,7 @@ def test_what_dvc_watches_makes_another_training(inside: Path, config: Config, k
     "key",
     [
         "out",
+        "variant.title",
         "training.loader_workers",
         "training.checkpoint_minutes",
         "training.max_hours",

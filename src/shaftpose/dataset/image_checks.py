@@ -25,6 +25,7 @@ from shaftpose.geometry import (
     ShaftPose,
     crossed_share,
     cylinder_depth,
+    is_crossed,
     mask_box,
     pose_from_rotation,
     segment_distance,
@@ -193,7 +194,7 @@ def _crossings(image: AnnotatedImage, scene: SceneSettings) -> Iterator[str]:
     others = image.amodal_masks[:first]
     for n, mask in enumerate(image.masks[first:], start=first):
         share = crossed_share(mask, others)
-        if not scene.is_crossed(share):
+        if not is_crossed(share, scene.crossing_coverage):
             low, high = scene.crossing_coverage
             yield (
                 f"shaft {n}: hides {share:.3f} of the one it crosses: nothing, or outside "

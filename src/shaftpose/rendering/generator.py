@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shaftpose.config import RenderSettings
 from shaftpose.errors import InputError
-from shaftpose.geometry import crossed_share, cylinder_depth
+from shaftpose.geometry import crossed_share, cylinder_depth, is_crossed
 from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
@@ -78,7 +78,7 @@ class Generator:
             hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
             crossed = crossed_shares(found, scene.crossing)
             if all(low <= share <= high for share in hidden) and all(
-                map(scene_settings.is_crossed, crossed)
+                is_crossed(share, scene_settings.crossing_coverage) for share in crossed
             ):
                 return scene, foreground, found
         fewest, most = scene_settings.crossing_coverage

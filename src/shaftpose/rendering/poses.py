@@ -17,6 +17,7 @@ from shaftpose.geometry import (
     ShaftPose,
     crossed_share,
     cylinder_depth,
+    is_crossed,
     segment_distance,
 )
 
@@ -125,7 +126,7 @@ class PoseSampler:
         """Whether a shaft hides as much as it shall of others, whose depths (N, h, w) are known."""
         depth = self._depth(pose)
         shares = [crossed_share(depth < other, [np.isfinite(other)]) for other in behind]
-        return self.scene.is_crossed(max(shares))
+        return is_crossed(max(shares), self.scene.crossing_coverage)
 
     def _depth(self, pose: ShaftPose) -> np.ndarray:
         size = self.shaft.diameter_mm, self.shaft.length_mm
