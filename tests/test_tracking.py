@@ -183,3 +183,20 @@ def test_a_champion_that_was_exported_again_is_registered_again(
     (run,) = mlflow.search_runs(output_format="list")
     assert set(models) == {f"models:/{o.model_id}" for o in run.outputs.model_outputs}
     assert len(set(models)) == 2
+
+
+def test_a_model_that_failed_or_was_deleted_is_no_champion(
+    store: Path, constant_model: Path
+) -> None:
+    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
+    client, models = mlflow.MlflowClient(), []
+    for _ in range(3):
+        tracking.log_model("id-7", "d", constant_model, image)
+        (run,) = mlflow.search_runs(output_format="list")
+        (new,) = {o.model_id for o in run.outputs.model_outputs} - set(models)
+        models.append(new)
+    client.finalize_logged_model(models[1], "FAILED")
+    client.delete_logged_model(models[2])
+    tracking.register_champion("id-7", "d", "the rule")
+    champion = client.get_model_version_by_alias("shaftpose", "champion")
+    assert champion.source == f"models:/{models[0]}"

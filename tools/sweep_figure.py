@@ -21,7 +21,10 @@ from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, 
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # What each line of the table says of a training, too, be it swept or not.
-SCALE = ("variant.name", "training_images", "size.batch_size", "size.width")
+SCALE = (
+    "loss.alpha", "loss.gamma", "loss.beta", "variant.name", "seed", "training_images",
+    "size.batch_size", "size.width",
+)  # fmt: skip
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ import yaml  # noqa: E402
 from filelock import FileLock  # noqa: E402
 from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
 from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
-from mlflow.entities import Run, RunStatus  # noqa: E402
+from mlflow.entities import LoggedModelStatus, Run, RunStatus  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
@@ -232,11 +232,16 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
 
 
 def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:
-    """The URI of the model that was logged to a run last, if any: each export logs one."""
-    outputs = client.get_run(run_id).outputs
-    logged = [client.get_logged_model(o.model_id) for o in outputs.model_outputs] if outputs else []
-    newest = max(logged, key=lambda model: model.creation_timestamp, default=None)
-    return None if newest is None else f"models:/{newest.model_id}"
+    """The URI of the model that was logged to a run last, if any: each export logs one. One whose
+    files did not all arrive, or that was deleted, does not count."""
+    run = client.get_run(run_id)
+    found = client.search_logged_models(
+        [run.info.experiment_id],
+        filter_string=f"source_run_id = '{run_id}'",
+        order_by=[{"field_name": "creation_timestamp", "ascending": False}],
+    )
+    whole = [model.model_id for model in found if model.status == LoggedModelStatus.READY]
+    return f"models:/{whole[0]}" if whole else None
 
 
 def _champion(client: mlflow.MlflowClient) -> str | None:

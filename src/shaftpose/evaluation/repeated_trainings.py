@@ -30,7 +30,7 @@ ORDER = (
     "that rotations in steps of 5 deg are not precise enough; what classes cost at best is in "
     "[architecture.md](architecture.md#sizes). A variant that finds more instruments, hard ones "
     "among them, may pay for it with larger errors. [ablation.md](ablation.md) says what follows "
-    "from all this, and why."
+    "from all this, and what may be the reasons."
 )
 COMMON = (
     "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "
@@ -86,7 +86,7 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
     rows, domain_label = rows_of(alike), _domain_of(alike)
     columns = report_tables.TRAINING_COLUMNS
     compared = report_tables.beside_paper(rows, domain_label, columns)
-    seeds = ", ".join(
+    seeds = "; ".join(
         f"{line.title}: {', '.join(map(str, row.seeds))}"
         for row, line in zip(rows, compared, strict=True)
     )
@@ -95,7 +95,8 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
         table_i_block(compared, columns),
         *_order(rows, domain_label),
         *_common(alike, domain_label),
-        f"Learning curves, one line for each training, on the validation images:\n\n"
+        f"Learning curves, one line for each training, on the validation images. The pose loss of "
+        f"B, a cross-entropy, does not compare with that of the others:\n\n"
         f"![Learning curves]({_picture(CURVES_PICTURE, scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
         f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS_PICTURE, scale)})",

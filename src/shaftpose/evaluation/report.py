@@ -27,21 +27,22 @@ def to_markdown(report: AblationReport) -> str:
     return "\n\n".join(["# Ablation report", *blocks(report)]) + "\n"
 
 
-def blocks(report: AblationReport) -> list[str]:
-    """The report's champion, tables and notes as Markdown, below the heading."""
+def blocks(report: AblationReport, level: str = "##") -> list[str]:
+    """The report's champion, tables and notes as Markdown, below the heading; `level` is that of
+    their own headings."""
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
     return [
         f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
-        "## Table I: accuracy on rendered test images (paper / ours)",
+        f"{level} Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
         *report_tables.table_i_scale(report),
-        "## Table II: re-rendered silhouettes (paper / ours)",
+        f"{level} Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
-        "## How each variant was trained",
+        f"{level} How each variant was trained",
         pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
     ]
 

@@ -174,7 +174,8 @@ def table_i_scale(report: AblationReport) -> list[str]:
     notes += [_mixed_in(row, report.domain_label) for row in rows if row.mixed_in_images]
     if any(len(row.seeds) < 2 for row in rows):
         notes.append(
-            "Variants with one seed were trained once: how much a repeat would differ is not known."
+            "Variants with one seed were trained once: how much of a difference is chance does not "
+            "follow from this run."
         )
     return notes
 
@@ -201,7 +202,8 @@ def table_ii_scale(report: AblationReport) -> list[str]:
         f"Paper: {paper_tables.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
         f"{instruments} instruments in each cell.",
         "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
-        "estimated poses, per image, averaged over images; 0 if nothing was detected. Silhouettes "
+        "estimated poses, per image, averaged over images; 0 if the network answers nothing. A "
+        "silhouette counts even if its box is too far off to count as detected. Silhouettes "
         "are whole: on occluded images, which hide a part of each shaft, no pose reaches 1.",
     ]
     if report.domain_label == STAND_IN:

@@ -50,7 +50,7 @@ def to_page(
     if records:
         parts += ["## Repeated trainings", *repeated_blocks(records)]
     parts += ["## The pipeline's run", RUN.format(profile=report.profile)]
-    parts += [*blocks(report), "## Where the errors are", BINNED]
+    parts += [*blocks(report, "###"), "### Where the errors are", BINNED]
     if sweeps:
         parts += ["## Sweeps", SWEEPS, *_sweeps(sweeps)]
     if benchmarks:
