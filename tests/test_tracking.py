@@ -3,6 +3,7 @@ from pathlib import Path
 import mlflow
 import numpy as np
 import pytest
+from mlflow.entities.model_registry import ModelVersion
 
 from shaftpose import tracking
 from shaftpose.errors import InputError
@@ -159,44 +160,52 @@ def test_a_champion_without_model_is_passed_over(
     assert not mlflow.MlflowClient().search_registered_models()
 
 
+def export(training_id: str, model: Path) -> None:
+    tracking.log_model(training_id, "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
+
+
+def champion() -> ModelVersion:
+    return mlflow.MlflowClient().get_model_version_by_alias("shaftpose", "champion")
+
+
+def exported() -> list[str]:
+    """The URIs of the models of the only run."""
+    (run,) = mlflow.search_runs(output_format="list")
+    return [f"models:/{output.model_id}" for output in run.outputs.model_outputs]
+
+
 def test_a_champion_is_registered_once(store: Path, constant_model: Path) -> None:
-    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
     for name in ("id-4", "id-5"):
-        tracking.log_model(name, "d", constant_model, image)
-    client = mlflow.MlflowClient()
+        export(name, constant_model)
     versions = []
     for name in ("id-4", "id-4", "id-5"):
         tracking.register_champion(name, "d", "the rule")
-        versions.append(client.get_model_version_by_alias("shaftpose", "champion").version)
+        versions.append(champion().version)
     assert [int(version) for version in versions] == [1, 1, 2]
 
 
 def test_a_champion_that_was_exported_again_is_registered_again(
     store: Path, constant_model: Path
 ) -> None:
-    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
-    client, models = mlflow.MlflowClient(), []
+    models = []
     for _ in range(2):
-        tracking.log_model("id-6", "d", constant_model, image)
+        export("id-6", constant_model)
         tracking.register_champion("id-6", "d", "the rule")
-        models.append(client.get_model_version_by_alias("shaftpose", "champion").source)
-    (run,) = mlflow.search_runs(output_format="list")
-    assert set(models) == {f"models:/{o.model_id}" for o in run.outputs.model_outputs}
+        models.append(champion().source)
+    assert set(models) == set(exported())
     assert len(set(models)) == 2
 
 
 def test_a_model_that_failed_or_was_deleted_is_no_champion(
     store: Path, constant_model: Path
 ) -> None:
-    image = np.zeros((1, 299, 299, 3), dtype=np.uint8)
     client, models = mlflow.MlflowClient(), []
     for _ in range(3):
-        tracking.log_model("id-7", "d", constant_model, image)
-        (run,) = mlflow.search_runs(output_format="list")
-        (new,) = {o.model_id for o in run.outputs.model_outputs} - set(models)
+        export("id-7", constant_model)
+        (new,) = set(exported()) - set(models)
         models.append(new)
-    client.finalize_logged_model(models[1], "FAILED")
-    client.delete_logged_model(models[2])
+    whole, failed, deleted = models
+    client.finalize_logged_model(failed.removeprefix("models:/"), "FAILED")
+    client.delete_logged_model(deleted.removeprefix("models:/"))
     tracking.register_champion("id-7", "d", "the rule")
-    champion = client.get_model_version_by_alias("shaftpose", "champion")
-    assert champion.source == f"models:/{models[0]}"
+    assert champion().source == whole
