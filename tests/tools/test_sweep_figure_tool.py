@@ -40,7 +40,8 @@ def test_finished_trainings_are_drawn_and_others_counted(
         ("b", {"variant.steps": "[1, 5]"}, FOUND),
         ("d", {}, NOTHING_RIGHT),
     ):
-        train(sweep, {"variant.name": name, "size.width": "0.25", **more}, metrics)
+        scale = {"loss.alpha": "1.5", "size.width": "0.25"}
+        train(sweep, {"variant.name": name, **scale, **more}, metrics)
     with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
         mlflow.log_metrics(FOUND, step=2)
         raise RuntimeError
@@ -48,10 +49,15 @@ def test_finished_trainings_are_drawn_and_others_counted(
     sweep_figure.main()
     assert "2 finished trainings are drawn, 1 of them without" in capsys.readouterr().out
     headings, *jobs = results_page.sweeps(Path())["heads"]
-    assert headings == [*sweep_figure.SCALE, "steps", *sweep_figure.METRICS]
-    assert jobs == [  # both were validated after their 6th step
-        ["b", "", "", "0.25", "6", "0.5", "4.25", "9"],
-        ["d", "", "", "0.25", "6", "0", "", ""],
+    # What was swept comes first; both were validated after their 6th step.
+    assert headings == [
+        "variant.name", "loss.alpha", "loss.gamma", "loss.beta", "seed", "training_images",
+        "size.batch_size", "size.width", "steps",
+        "validation/mAP", "validation/tip_mm", "validation/axis_deg",
+    ]  # fmt: skip
+    assert jobs == [
+        ["b", "1.5", "", "", "", "", "", "0.25", "6", "0.5", "4.25", "9"],
+        ["d", "1.5", "", "", "", "", "", "0.25", "6", "0", "", ""],
     ]
     assert Path("docs/images/sweep-heads.png").read_bytes().startswith(b"\x89PNG")
 
