@@ -1,6 +1,7 @@
 """Write docs/results.md and draw its pictures of repeated trainings: `make results`.
 
-All of it comes from the files of results that are in the repository.
+All of it comes from the files of results that are in the repository, and what classes cost from
+the variants' files.
 """
 
 import csv
@@ -12,8 +13,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "pipelines"))
+sys.path[:0] = [str(ROOT / "pipelines"), str(ROOT / "tools")]
 
+from architecture_tables import rounding_table  # noqa: E402
 from results import read_json  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
@@ -49,7 +51,7 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
 def page(root: Path) -> str:
     """The page of the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
-    return to_page(report_of(root), records(root), sweeps(root), benchmarks)
+    return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks)
 
 
 def records(root: Path) -> list[TrainingRecord]:

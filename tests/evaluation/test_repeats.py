@@ -174,7 +174,7 @@ def page(*trainings: TrainingRecord, sweeps: dict[str, Table] | None = None) -> 
         [row(7, mAP=0.5)], {}, {}, "stand-in", Champion("d", "the only one"), "demo"
     )
     speed = {"speed": {"machine": {"cores": 2}, "s": [{"a": 1}]}}
-    return to_page(report, trainings, sweeps or {}, speed)
+    return to_page(report, trainings, "| what classes cost |", sweeps or {}, speed)
 
 
 def test_the_page_shows_means_with_their_spread_beside_the_paper():

@@ -147,7 +147,7 @@ def test_loss_that_is_no_number_stops_the_training_and_shows_its_batch(
 ) -> None:
     next(module.network.parameters()).data.fill_(math.nan)
     path = tmp_path / "batch-of-step-0-rank-0.npz"
-    with pytest.raises(InputError, match=f"nan at step 0.*{path}"):
+    with pytest.raises(InputError, match=f"loss is nan at step 0.*{path}"):
         trainer.fit(module, loader(1), loader(1))
     batch = random_batch(seed=0)
     with np.load(path, allow_pickle=False) as kept:
@@ -157,14 +157,18 @@ def test_loss_that_is_no_number_stops_the_training_and_shows_its_batch(
             np.testing.assert_array_equal(kept[name], values)
 
 
-def test_weights_that_are_no_numbers_are_not_saved(
+def test_gradients_that_are_no_numbers_stop_the_training_before_they_spoil_the_weights(
     module: ShaftModule, trainer: Trainer, tmp_path: Path
 ) -> None:
-    trainer.fit(module, loader(1), loader(1))
-    next(module.network.parameters()).data.fill_(math.inf)
-    with pytest.raises(InputError, match="weights are no longer numbers at step"):
-        trainer.save_checkpoint(tmp_path / "last.ckpt")
-    assert not (tmp_path / "last.ckpt").exists()
+    first = next(module.network.parameters())
+    first.register_hook(lambda gradient: gradient * math.inf)
+    before = first.detach().clone()
+    path = tmp_path / "batch-of-step-0-rank-0.npz"
+    with pytest.raises(InputError, match=f"gradient's norm is (inf|nan) at step 0.*{path}"):
+        trainer.fit(module, loader(1), loader(1))
+    with np.load(path, allow_pickle=False) as kept:
+        np.testing.assert_array_equal(kept["images"], random_batch(seed=0).images)
+    assert torch.equal(first, before)
 
 
 @pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])

@@ -13,7 +13,10 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 import results_page  # noqa: E402
 
-SOURCES = ("reports/ablation.json", "reports/trainings", "reports/sweeps", "benchmarks/results")
+SOURCES = (
+    "reports/ablation.json", "reports/trainings", "reports/sweeps", "benchmarks/results",
+    "params.yaml", "conf/variant",
+)  # fmt: skip
 
 
 def changed_results() -> str:

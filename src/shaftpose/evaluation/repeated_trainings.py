@@ -27,10 +27,10 @@ ORDER = (
     "direction. A difference within the spread is no larger than the half ranges of both values "
     "together (of a variant that was trained once: the largest known one). One beyond it is a "
     "hint, no proof: between so few trainings, chance often makes one. Of B the paper says only "
-    "that rotations in steps of 5 deg are not precise enough; what classes cost at best is in "
-    "[architecture.md](architecture.md#sizes). A variant that finds more instruments, hard ones "
-    "among them, may pay for it with larger errors. [ablation.md](ablation.md) says what follows "
-    "from all this, and what may be the reasons."
+    "that rotations in steps of 5 deg are not precise enough; what classes cost at best is "
+    "[below](#what-classes-cost-at-best). A variant that finds more instruments, hard ones among "
+    "them, may pay for it with larger errors. [ablation.md](ablation.md) says what follows from "
+    "all this, and what may be the reasons."
 )
 COMMON = (
     "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "

@@ -17,6 +17,10 @@ INTRO = (
     "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json`, "
     "`reports/sweeps/*.csv` and `benchmarks/results/*.json`; not to be edited."
 )
+ROUNDING = (
+    "Mean errors of a network that finds the right class of every dimension of every pose; what a "
+    "trained B has beyond them it has not learned. They follow from the classes alone."
+)
 RUN = (
     "Tables I and II and the errors below them are of one run of `make repro` at the profile "
     "`{profile}`."
@@ -38,17 +42,20 @@ SPEED = "What is aimed at in rendering, and what of it is reached, is in [scalin
 def to_page(
     report: AblationReport,
     records: Sequence[TrainingRecord],
+    rounding: str,
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
 ) -> str:
     """The page as Markdown.
 
-    report: the recorded run; records: trainings that may be repeats of each other; sweeps: tables
-    that `tools/sweep_figure.py` wrote and benchmarks: the contents of result files, by name.
+    report: the recorded run; records: trainings that may be repeats of each other; rounding: the
+    table of what pose classes cost; sweeps: tables that `tools/sweep_figure.py` wrote and
+    benchmarks: the contents of result files, by name.
     """
     parts = ["# Results", INTRO]
     if records:
-        parts += ["## Repeated trainings", *repeated_blocks(records)]
+        parts += ["## Table I: repeated trainings", *repeated_blocks(records)]
+        parts += ["### What classes cost at best", ROUNDING, rounding]
     parts += ["## The pipeline's run", RUN.format(profile=report.profile)]
     parts += [*blocks(report, "###"), "### Where the errors are", BINNED]
     if sweeps:

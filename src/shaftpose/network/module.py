@@ -7,6 +7,7 @@ import torch
 from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
+from torch.nn.utils import get_total_norm
 
 from shaftpose.batches import Batch
 from shaftpose.errors import InputError
@@ -58,15 +59,23 @@ class ShaftModule(LightningModule):
 
         Raises InputError if it is no longer a number; the batch is then in the trainer's folder.
         """
+        self._batch = batch
         terms = self._loss_terms(self._outputs(batch), batch)
         whole = terms_of_all_ranks(terms)
-        if not torch.isfinite(whole.total):  # for all ranks or none: they stop together
-            raise InputError(
-                f"the training loss is {whole.total.item()} at step {self.global_step}: lower the "
-                f"learning rate or lengthen the warm-up; {self._write_batch(batch)} is the batch"
-            )
+        self._check_finite("loss", whole.total)
         self._log_terms("training", whole, len(batch.images))
         return terms.total
+
+    def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
+        """Raise InputError before gradients that are no numbers spoil the weights.
+
+        They may overflow where the loss does not. In half precision they may do so at any time: the
+        scaler of its gradients passes over such steps by itself.
+        """
+        if self.trainer.precision != "16-mixed":
+            weights = self.network.parameters()
+            gradients = [weight.grad for weight in weights if weight.grad is not None]
+            self._check_finite("gradient's norm", get_total_norm(gradients))
 
     def validation_step(self, batch: Batch, batch_index: int) -> dict[str, Tensor]:
         """Log the loss of a batch that is not trained on.
@@ -98,16 +107,7 @@ class ShaftModule(LightningModule):
         return max(left, 0.0) ** DECAY_POWER
 
     def on_save_checkpoint(self, checkpoint: dict[str, object]) -> None:
-        """Write the network's identity beside its weights.
-
-        Raises InputError if they are no longer numbers: a gradient may overflow where the loss does
-        not, and from such a checkpoint no training goes on.
-        """
-        if not all(torch.isfinite(weight).all() for weight in self.network.parameters()):
-            raise InputError(
-                f"the weights are no longer numbers at step {self.global_step}, and are not saved: "
-                "lower the learning rate or lengthen the warm-up"
-            )
+        """Write the network's identity beside its weights."""
         checkpoint["identity"] = dict(self.identity)
 
     def _outputs(self, batch: Batch) -> HeadOutputs:
@@ -116,10 +116,18 @@ class ShaftModule(LightningModule):
     def _loss_terms(self, outputs: HeadOutputs, batch: Batch) -> LossTerms:
         return self.loss(outputs, batch.targets, self.network.defaults, self.network.pose_coder)
 
-    def _write_batch(self, batch: Batch) -> Path:
+    def _check_finite(self, name: str, value: Tensor) -> None:
+        """`value` is the same in all ranks: they stop together."""
+        if not torch.isfinite(value):
+            raise InputError(
+                f"the training {name} is {value.item()} at step {self.global_step}: lower the "
+                f"learning rate or lengthen the warm-up; {self._write_batch()} is the batch"
+            )
+
+    def _write_batch(self) -> Path:
         name = f"batch-of-step-{self.global_step}-rank-{self.global_rank}.npz"
         path = Path(self.trainer.default_root_dir) / name
-        tensors = {"images": batch.images, **batch.targets._asdict()}
+        tensors = {"images": self._batch.images, **self._batch.targets._asdict()}
         arrays: dict[str, np.ndarray] = {key: t.cpu().numpy() for key, t in tensors.items()}
         np.savez(path, **arrays)
         return path
