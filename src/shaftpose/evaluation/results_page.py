@@ -15,7 +15,8 @@ Table = list[list[str]]  # the headings, then the cells line by line
 
 INTRO = (
     "Written by `make results` from `reports/ablation.json`, `reports/trainings/*.json`, "
-    "`reports/sweeps/*.csv` and `benchmarks/results/*.json`; not to be edited."
+    "`reports/sweeps/*.csv`, `benchmarks/results/*.json` and, for what classes cost, "
+    "`conf/variant/*.yaml` with the ranges of `params.yaml`; not to be edited."
 )
 ROUNDING = (
     "Mean errors of a network that finds the right class of every dimension of every pose; what a "
