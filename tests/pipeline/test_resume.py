@@ -206,8 +206,9 @@ def test_the_stage_goes_on_after_sigkill(
 ) -> None:
     last = kill_when(start_stage(project), "data/scratch/training/*/last.ckpt", project)
     assert not (project / "models/d/model.ckpt").exists()
-    # What does not determine the training may change in between, even what MLflow shows.
-    process = start_stage(project, SELDOM)
+    # What does not determine the training may change in between, even what MLflow shows, and who
+    # reads the images: now a process of its own, as by default.
+    process = start_stage(project, SELDOM, "training.loader_workers=1")
     output, _ = process.communicate()
     assert process.returncode == 0, output
     assert f"going on at step 3 with {last.relative_to(project)}" in output
