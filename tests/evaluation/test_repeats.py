@@ -213,6 +213,19 @@ def test_headings_say_what_sets_scales_apart():
     assert "### steps" not in page(record(row(7)), record(row(8)))
 
 
+def test_headings_name_a_setting_once():
+    one = record(row(7))
+    sizes = one.recipe["size"] | {"steps": 1000, "width": 1.0}
+    text = page(one, replace(record(row(7, steps=1000)), recipe=one.recipe | {"size": sizes}))
+    # The steps taken are those that were planned.
+    assert "### steps 3000, size.width 0.25\n" in text
+    assert "### steps 1000, size.width 1.0\n" in text
+
+
+def test_a_single_training_is_compared_with_no_other():
+    assert "every one of these" not in page(record(row(7)))
+
+
 def test_trainings_that_share_no_instrument_have_no_errors_to_compare():
     nothing = FoundInstruments(4, [], {"tip_mm": []})
     text = page(record(row(7)), record(row(8), found=nothing))

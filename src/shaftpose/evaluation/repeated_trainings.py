@@ -119,7 +119,9 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
 
 
 def _common(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
-    """Errors of these trainings on the instruments that all of them found."""
+    """Errors of several trainings on the instruments that all of them found."""
+    if len(alike) == 1:
+        return []
     common = common_instruments([record.found for record in alike])
     rows = rows_of([
         replace(record, row=replace(record.row, metrics=means_on(record.found, common)))

@@ -54,12 +54,21 @@ class Scale(NamedTuple):
 
 
 def distinctions(scales: Sequence[Scale]) -> list[str]:
-    """For each scale its part in what not all scales have in common: `training.ema_decay 0.999`."""
+    """For each scale its part in what not all scales have in common: `training.ema_decay 0.999`.
+
+    Of settings of one name (`size.steps` and the steps taken) with the same values, the first.
+    """
     flat = [flatten({**scale._asdict(), "settings": scale.recipe}) for scale in scales]
     names = list(dict.fromkeys(name for one in flat for name in one))
-    differing = [name for name in names if any(one.get(name) != flat[0].get(name) for one in flat)]
+    values = {name: [one.get(name) for one in flat] for name in names}
+    differing: dict[str, str] = {}
+    for name in names:
+        if any(value != values[name][0] for value in values[name]):
+            differing.setdefault(f"{name.rpartition('.')[2]} {values[name]}", name)
     return [
-        ", ".join(f"{name.removeprefix('settings.')} {one.get(name)}" for name in differing)
+        ", ".join(
+            f"{name.removeprefix('settings.')} {one.get(name)}" for name in differing.values()
+        )
         for one in flat
     ]
 
