@@ -1,6 +1,7 @@
 """Repeated trainings as one row, by hand, what they say of the paper, and the page with them."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -244,6 +245,15 @@ def test_the_page_says_what_follows_for_the_papers_order():
     text = page(*map(record, (row(7, mAP=0.5), row(8, mAP=0.7), row(7, "c", mAP=0.1))))
     assert "| Step | mAP |" in text
     assert "| C to D | +0.500 reversed | n/a |" in text  # 0.6 - 0.1, spread 0.1 + 0.1
+
+
+def test_errors_are_judged_on_the_same_instruments():
+    hard = FoundInstruments(4, [0, 1], {"z_mm": [0.5, 9.5], "tip_mm": [1.0, 9.0]})
+    trainings = [row(7, z_mm=1.5), row(8, z_mm=1.5), row(7, "c", z_mm=5.0)]
+    found = [FOUND, FOUND, hard]
+    text = page(*map(lambda one, its: record(one, found=its), trainings, found))
+    # C is off by 5 mm for an instrument that D does not find; by 0.5 mm, as D is, for the other.
+    assert re.search(r"\| C to D \|( n/a \|){4} \+0.00 within the spread \|", text)
 
 
 def test_the_page_shows_the_pictures_that_are_drawn():

@@ -28,13 +28,17 @@ ORDER = (
     "together (of a variant that was trained once: the largest known one). One beyond it is a "
     "hint, no proof: between so few trainings, chance often makes one. Of B the paper says only "
     "that rotations in steps of 5 deg are not precise enough; what classes cost at best is "
-    "[below](#what-classes-cost-at-best). A variant that finds more instruments, hard ones among "
-    "them, may pay for it with larger errors. [ablation.md](ablation.md) says what follows from "
-    "all this, and what may be the reasons."
+    "[below](#what-classes-cost-at-best). Errors are those on the same instruments. "
+    "[ablation.md](ablation.md) says what follows from all this, and what may be the reasons."
 )
 COMMON = (
     "The same errors on the same instruments: the {count:,} of {total:,} that every one of these "
-    "trainings found."
+    "trainings found. (Above, a variant that finds more instruments, hard ones among them, may pay "
+    "for it with larger errors.)"
+)
+CURVES = "Learning curves, one line for each training, on the validation images."
+CURVES_WITH_CLASSES = (
+    " The pose loss of B, a cross-entropy, does not compare with that of the others."
 )
 COMMON_COLUMNS = tuple(
     column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
@@ -93,18 +97,42 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
     return [
         f"{scale.sentence()} Seeds: {seeds}.",
         table_i_block(compared, columns),
-        *_order(rows, domain_label),
-        *_common(alike, domain_label),
-        f"Learning curves, one line for each training, on the validation images. The pose loss of "
-        f"B, a cross-entropy, does not compare with that of the others:\n\n"
+        *_comparison(alike, domain_label),
+        f"{CURVES}{CURVES_WITH_CLASSES if any(row.variant == 'b' for row in rows) else ''}\n\n"
         f"![Learning curves]({_picture(CURVES_PICTURE, scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
         f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS_PICTURE, scale)})",
     ]
 
 
+def _comparison(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
+    """Errors of several trainings on the instruments that all of them found, and the order."""
+    if len(alike) == 1:
+        return []
+    common = common_instruments([record.found for record in alike])
+    rows = rows_of([_with_errors_on(common, record) for record in alike])
+    lines = [
+        [
+            variant_title(row.variant, domain_label, row.title),
+            *report_tables.cells(row.metrics, COMMON_COLUMNS, row.spread),
+        ]
+        for row in rows
+    ]
+    headings = ["Variant", *(column.heading for column in COMMON_COLUMNS)]
+    count = COMMON.format(count=len(common), total=alike[0].found.total)
+    return [count, pipe_table(headings, lines), *_order(rows, domain_label)]
+
+
+def _with_errors_on(instruments: set[int], record: TrainingRecord) -> TrainingRecord:
+    """What a training finds, with its errors on these instruments alone."""
+    finding = {name: record.row.metrics.get(name) for name in paper_order.FINDING}
+    metrics = finding | means_on(record.found, instruments)
+    return replace(record, row=replace(record.row, metrics=metrics))
+
+
 def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
-    """What follows for the paper's order, if any variant was repeated."""
+    """What rows with errors on the same instruments say of the paper's order, if any variant was
+    repeated."""
     found = paper_order.changes(rows)
     if not found:
         return []
@@ -116,27 +144,6 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
     ]
     headings = ["Step", *(HEADINGS[metric] for metric in paper_order.METRICS)]
     return [ORDER, pipe_table(headings, lines)]
-
-
-def _common(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
-    """Errors of several trainings on the instruments that all of them found."""
-    if len(alike) == 1:
-        return []
-    common = common_instruments([record.found for record in alike])
-    rows = rows_of([
-        replace(record, row=replace(record.row, metrics=means_on(record.found, common)))
-        for record in alike
-    ])  # fmt: skip
-    lines = [
-        [
-            variant_title(row.variant, domain_label, row.title),
-            *report_tables.cells(row.metrics, COMMON_COLUMNS, row.spread),
-        ]
-        for row in rows
-    ]
-    headings = ["Variant", *(column.heading for column in COMMON_COLUMNS)]
-    count = COMMON.format(count=len(common), total=alike[0].found.total)
-    return [count, pipe_table(headings, lines)]
 
 
 def _cell(metric: str, change: paper_order.Change | None) -> str:

@@ -175,7 +175,7 @@ def table_i_scale(report: AblationReport) -> list[str]:
     if any(len(row.seeds) < 2 for row in rows):
         notes.append(
             "Variants with one seed were trained once: how much of a difference is chance does not "
-            "follow from this run."
+            "follow from this run. Repeated trainings are in docs/results.md."
         )
     return notes
 
