@@ -9,8 +9,8 @@ VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',
 ifeq ($(VARIANTS),)
 $(error params.yaml: `variants` must be a list in one line, as in [c, d])
 endif
-# On a CPU, narrow networks train faster side by side, a core each, than one after another on all
-# cores; a GPU takes one at a time.
+# On a CPU, narrow networks train faster side by side, each on a share of the cores, than one after
+# another on all; a GPU takes one at a time.
 JOBS ?= $(shell if nvidia-smi -L >/dev/null 2>&1; then echo 1; else n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)); fi)
 THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
@@ -44,7 +44,8 @@ report: $(READY)  ## bring the report up to date, one stage after another
 	dvc repro report
 	@echo "report: $(CURDIR)/reports/ablation.html"
 
-# Not `evaluate`, which also measures speed and therefore runs alone.
+# Not `evaluate`, which also measures speed and therefore runs alone. Threads are as many for a single
+# variant as in `repro`: with others, weights differ by rounding.
 variant-%: $(READY)  ## train one of `variants`, as in `make variant-d`, on data that is there
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
