@@ -249,9 +249,8 @@ def test_the_page_says_what_follows_for_the_papers_order():
 
 def test_errors_are_judged_on_the_same_instruments():
     hard = FoundInstruments(4, [0, 1], {"z_mm": [0.5, 9.5], "tip_mm": [1.0, 9.0]})
-    trainings = [row(7, z_mm=1.5), row(8, z_mm=1.5), row(7, "c", z_mm=5.0)]
-    found = [FOUND, FOUND, hard]
-    text = page(*map(lambda one, its: record(one, found=its), trainings, found))
+    trainings = [record(row(7, z_mm=1.5)), record(row(8, z_mm=1.5))]
+    text = page(*trainings, record(row(7, "c", z_mm=5.0), found=hard))
     # C is off by 5 mm for an instrument that D does not find; by 0.5 mm, as D is, for the other.
     assert re.search(r"\| C to D \|( n/a \|){4} \+0.00 within the spread \|", text)
 

@@ -35,6 +35,7 @@ def test_trunk_has_as_many_parameters_as_the_published_network() -> None:
         512 * 128 + 2 * 128 + 9 * 128 * 256 + 2 * 256,
         256 * 128 + 2 * 128 + 9 * 128 * 256 + 2 * 256,
     ]
+    assert sum(new) == 2_264_064
     assert parameters(backbone) == 41_142_816 + sum(new)
 
 

@@ -10,8 +10,8 @@ from shaftpose.instruments import POSE_DIMENSIONS
 # What was there, and what the paper puts in its place. Not the step to D + noise + real: it is
 # meant for real images, and on rendered ones the paper has nearly the same.
 STEPS = (("b", "c"), ("b", "d"), ("c", "d"), ("d", "d_noise"))
-FINDING = ("mAP", "detected_rate")  # metrics of what is found, however precisely
-METRICS = (*FINDING, *POSE_DIMENSIONS)
+DETECTION = ("mAP", "detected_rate")  # of what is found, however precisely
+METRICS = (*DETECTION, *POSE_DIMENSIONS)
 ROTATIONS = ("pitch_deg", "yaw_deg")
 AS_IN_PAPER, REVERSED = "as in the paper", "reversed"
 UNDECIDED, SILENT = "within the spread", "the paper is silent"

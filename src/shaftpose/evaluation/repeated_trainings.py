@@ -36,9 +36,9 @@ COMMON = (
     "trainings found. (Above, a variant that finds more instruments, hard ones among them, may pay "
     "for it with larger errors.)"
 )
-CURVES = "Learning curves, one line for each training, on the validation images."
-CURVES_WITH_CLASSES = (
-    " The pose loss of B, a cross-entropy, does not compare with that of the others."
+CURVES = (
+    "Learning curves, one line for each training, on the validation images. A pose loss of "
+    "classes, a cross-entropy, does not compare with one of numbers."
 )
 COMMON_COLUMNS = tuple(
     column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
@@ -98,8 +98,7 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
         f"{scale.sentence()} Seeds: {seeds}.",
         table_i_block(compared, columns),
         *_comparison(alike, domain_label),
-        f"{CURVES}{CURVES_WITH_CLASSES if any(row.variant == 'b' for row in rows) else ''}\n\n"
-        f"![Learning curves]({_picture(CURVES_PICTURE, scale)})",
+        f"{CURVES}\n\n![Learning curves]({_picture(CURVES_PICTURE, scale)})",
         f"Where the errors are on the test images, one training of each variant:\n\n"
         f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS_PICTURE, scale)})",
     ]
@@ -125,7 +124,7 @@ def _comparison(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]
 
 def _with_errors_on(instruments: set[int], record: TrainingRecord) -> TrainingRecord:
     """What a training finds, with its errors on these instruments alone."""
-    finding = {name: record.row.metrics.get(name) for name in paper_order.FINDING}
+    finding = {name: record.row.metrics.get(name) for name in paper_order.DETECTION}
     metrics = finding | means_on(record.found, instruments)
     return replace(record, row=replace(record.row, metrics=metrics))
 
