@@ -10,12 +10,19 @@ from results import read_domain
 
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import PARTS, read_keys
+from shaftpose.errors import InputError
 from shaftpose.shards import shard_paths
 
 
-def about_data(with_real: bool) -> dict[str, Any]:
-    """What a training is on, with the real, or stand-in, images if they are mixed in."""
+def about_data(with_real: bool, start: Path | None) -> dict[str, Any]:
+    """What a training is on, with the real, or stand-in, images if they are mixed in.
+
+    start: checkpoint of the detector that it starts from. Raises InputError if it is missing.
+    """
+    if start is not None and not start.is_file():
+        raise InputError(f"{start}: no such detector to start from; run `dvc repro detector`")
     return {
+        "start": None if start is None else _digest("", [start]),
         "training_images": len(read_keys(Path("data/split"), "train")),
         "data": rendered_digest(),
         "real": _about_real() if with_real else None,

@@ -7,8 +7,10 @@ from settings import parse_variant, size
 from stage import Config
 
 from shaftpose.config import PoseRanges, Variant, parse
-from shaftpose.network.checkpoint import load_network_weights
+from shaftpose.network.checkpoint import load_network_weights, start_from_detector
 from shaftpose.network.shaft_network import ShaftNetwork
+
+DETECTOR = "detector"  # the variant whose weights others start from
 
 
 def variant(config: Config) -> Variant:
@@ -18,7 +20,20 @@ def variant(config: Config) -> Variant:
 
 def identity(config: Config) -> dict[str, str | float]:
     """What a checkpoint must agree in with the network that loads it."""
-    return {"variant": variant(config).name, "width": size(config).width}
+    return {"variant": variant(config).name, **_backbone(config)}
+
+
+def _backbone(config: Config) -> dict[str, float]:
+    sizes = size(config)
+    return {"width": sizes.width, "depth": sizes.depth}
+
+
+def initial_network(config: Config) -> ShaftNetwork:
+    """The network as a training begins: random weights, or those of the detector at `start`."""
+    network, start = build_network(config), variant(config).start
+    if start is not None:
+        start_from_detector(start, network, {"variant": DETECTOR, **_backbone(config)})
+    return network
 
 
 def build_network(config: Config) -> ShaftNetwork:

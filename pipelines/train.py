@@ -5,6 +5,7 @@ import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from lightning.pytorch.callbacks import (
 )
 from lightning.pytorch.loggers import MLFlowLogger
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
-from networks import build_network, identity, variant
+from networks import identity, initial_network, variant
 from results import read_training, write_json
 from settings import size
 from stage import Config, stage
@@ -75,10 +76,10 @@ def main(config: Config) -> None:
     repeated. In a distributed training all processes run this, and the first one keeps the records.
     """
     config = with_precision(config)
-    chosen, sizes, out = variant(config), size(config), Path(config["out"])
+    chosen, sizes, out = variant(config), training_size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
-    data_facts = about_data(with_real=chosen.real_share > 0)
+    data_facts = about_data(with_real=chosen.real_share > 0, start=chosen.start)
     folder = scratch_folder(config, data_facts)
     if is_finished(out, folder.name):
         logger.info("training %s: finished; its result is in %s", chosen.title, out)
@@ -113,11 +114,18 @@ def main(config: Config) -> None:
     logger.info("checkpoint and learning curves are in %s", out)
 
 
+def training_size(config: Config) -> Size:
+    """The sizes of the profile; a detector takes its own number of steps."""
+    sizes = size(config)
+    return sizes if variant(config).pose_loss else replace(sizes, steps=sizes.detector_steps)
+
+
 def about_settings(config: Config, sizes: Size) -> dict[str, Any]:
     """What a training is with: what its result is compared by, besides the data."""
     return {
         "batch_size": sizes.batch_size,
         "width": sizes.width,
+        "depth": sizes.depth,
         "seed": config["seed"],
         "variant": settings_of_variant(config),
         "recipe": recipe(config),
@@ -174,14 +182,17 @@ def tracked(
 
 def build_module(config: Config, sizes: Size) -> ShaftModule:
     """The network with its loss and optimiser."""
-    loss, network = parse(LossSettings, config["loss"], "params.yaml: loss"), build_network(config)
+    network = initial_network(config)
+    loss = parse(LossSettings, config["loss"], "params.yaml: loss")
+    beta = loss.beta if variant(config).pose_loss else (0.0,) * len(loss.beta)
     settings = training_settings(config)
     if settings.compile:
         network.compile()  # in place: the names of its weights stay as they are
     return ShaftModule(
         network=network,
-        loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
+        loss=ShaftLoss(loss.alpha, beta, loss.gamma),
         identity=identity(config),
+        optimizer=sizes.optimizer,
         learning_rate=sizes.learning_rate,
         total_steps=sizes.steps,
         warmup_steps=sizes.warmup_steps,
@@ -208,6 +219,7 @@ def training_data(
         length=sizes.steps * sizes.batch_size,
         seed=config["seed"],
         skipped=skipped if settings.on_damaged == "skip" else None,
+        symmetries=settings.augmentation.symmetries,
     )
     validation = RenderedImages(shards, read_keys(lists, "validation"))
     return TrainingData(stream, validation, sizes.batch_size, settings.loader_workers)

@@ -74,8 +74,12 @@ def recipe(config: Config) -> dict[str, Any]:
 
 
 def settings_of_variant(config: Config) -> dict[str, Any]:
-    """The settings in which trainings of one variant must agree: all but what it is called."""
-    return {key: value for key, value in config["variant"].items() if key not in _CALLED}
+    """The settings in which trainings of one variant must agree: all but what it is called.
+
+    Each may start from a detector of its own seed, as long as all do.
+    """
+    settings = {key: value for key, value in config["variant"].items() if key not in _CALLED}
+    return settings | {"start": settings["start"] is not None}
 
 
 def settings_of(config: Config) -> dict[str, Any]:
@@ -102,6 +106,7 @@ def code_files() -> list[Path]:
     """The code that determines a training: what dvc.yaml lists for its stage."""
     root = Path(__file__).parents[1]
     stages = yaml.safe_load((root / "dvc.yaml").read_text())["stages"]
-    listed = [root / name for name in stages["train"]["deps"] if not name.startswith("data/")]
+    deps: list[str] = stages["train"]["deps"]
+    listed = [root / name for name in deps if not name.startswith(("data/", "models/"))]
     found = [sorted(path.rglob("*.py")) if path.is_dir() else [path] for path in listed]
     return [path for paths in found for path in paths]

@@ -203,7 +203,7 @@ def test_every_profile_is_a_size() -> None:
     assert sizes["paper"].images == 100_000
     assert sizes["paper"].width == 1.0
     every = {name: size.validate_every for name, size in sizes.items()}
-    assert every == {"smoke": 3, "demo": 500, "bench": 1000, "paper": 5000}
+    assert every == {"smoke": 3, "demo": 500, "bench": 5000, "paper": 5000}
 
 
 def test_a_size_that_is_never_validated_is_refused() -> None:
@@ -223,8 +223,20 @@ def test_a_round_field_in_the_pixels_of_another_image_is_refused() -> None:
 
 
 def test_a_warm_up_as_long_as_the_training_is_refused() -> None:
-    message = complaint(Size, {**PROFILES["smoke"], "steps": 300, "warmup_steps": 300})
+    values = {**PROFILES["smoke"], "steps": 300, "warmup_steps": 200, "detector_steps": 201}
+    parse(Size, values, "here")
+    message = complaint(Size, values | {"warmup_steps": 200, "detector_steps": 200})
+    assert message == "params.yaml: part: warmup_steps = 200 must be less than detector_steps = 200"
+    message = complaint(Size, values | {"warmup_steps": 300, "detector_steps": 400})
     assert message == "params.yaml: part: warmup_steps = 300 must be less than steps = 300"
+
+
+@pytest.mark.parametrize(
+    ("key", "remedy"), [("depth", "depth: 1.0"), ("optimizer", "optimizer: adam"), ("width", "it")]
+)
+def test_a_profile_of_an_older_version_is_told_what_to_add(key: str, remedy: str) -> None:
+    values = {name: value for name, value in PROFILES["demo"].items() if name != key}
+    assert complaint(Size, values) == f"params.yaml: part.{key} is missing; add {remedy}"
 
 
 @pytest.mark.parametrize(
@@ -251,7 +263,8 @@ def test_pose_ranges_in_order() -> None:
 
 
 def test_settings_are_frozen() -> None:
-    settings = parse(Variant, {"name": "d", "title": "D", "noise": 0, "real_share": 0.0}, "here")
+    values = {"name": "d", "title": "D", "noise": 0, "real_share": 0.0}
+    settings = parse(Variant, {**values, "start": None, "pose_loss": True}, "here")
     with pytest.raises(AttributeError):
         settings.noise = 10  # type: ignore[misc]
 

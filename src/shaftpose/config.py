@@ -17,6 +17,13 @@ from shaftpose.errors import InputError
 
 T = TypeVar("T")
 
+# Keys that files of older versions lack, as one adds them to train as before.
+_NEW_KEYS = {
+    "depth": "depth: 1.0",
+    "detector_steps": "detector_steps: 1000",
+    "optimizer": "optimizer: adam",
+}
+
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -302,18 +309,22 @@ class Size:
     test_set: PositiveInt
     real: PositiveInt
     width: Positive
+    depth: Positive
     batch_size: PositiveInt
+    detector_steps: PositiveInt
     steps: PositiveInt
     warmup_steps: Count
     validate_every: PositiveInt
+    optimizer: Literal["adam", "muon"]
     learning_rate: Positive
     precision: Literal["auto", "32-true", "bf16-mixed", "16-mixed"]
 
     def __post_init__(self) -> None:
-        if not self.warmup_steps < self.steps:
-            raise ValueError(
-                f"warmup_steps = {self.warmup_steps} must be less than steps = {self.steps}"
-            )
+        for name, steps in (("detector_steps", self.detector_steps), ("steps", self.steps)):
+            if not self.warmup_steps < steps:
+                raise ValueError(
+                    f"warmup_steps = {self.warmup_steps} must be less than {name} = {steps}"
+                )
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -355,12 +366,16 @@ class RealSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class Augmentation:
-    """Ranges of random colour changes; see `shaftpose.dataset.transforms`."""
+    """Ranges of random colour changes; see `shaftpose.dataset.transforms`.
+
+    symmetries: whether images are mirrored and turned; see `shaftpose.dataset.symmetries`.
+    """
 
     brightness: Range
     contrast: Range
     saturation: Range
     hue_deg: Range
+    symmetries: bool
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -382,12 +397,16 @@ class TrainingSettings:
 class Variant:
     """What distinguishes a variant besides its head and its pose coder.
 
+    start: checkpoint of a detector whose weights a training begins with, None for random ones;
+    pose_loss: whether L_pose counts, or the network becomes a detector for others to start from;
     noise: half-width of the uniform noise on half of the training images, grey levels; real_share:
     share of real images in training.
     """
 
     name: str
     title: str
+    start: Path | None
+    pose_loss: bool
     noise: Count
     real_share: Fraction
 
@@ -456,7 +475,7 @@ def _first_complaint(error: ValidationError, where: str) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "missing":
-        return f"{where}.{key} is missing; add it"
+        return f"{where}.{key} is missing; add {_NEW_KEYS.get(key, 'it')}"
     message = first["msg"].removeprefix("Value error, ")
     if not key:  # of several keys together
         return f"{where}: {message}"

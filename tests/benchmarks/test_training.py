@@ -41,7 +41,7 @@ def test_both_speeds_of_each_batch_are_measured(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "BATCHES", {"cpu": (2, 4, 16)})
     width, speeds = training.timed_profile("smoke", "cpu", steps=2, rounds=1)
-    assert (width, speeds["batch_size"]) == ("0.0625", 2)
+    assert (width, speeds["batch_size"]) == ("0.1875", 2)
     assert [tried["batch_size"] for tried in speeds["batches"]] == [2, 4]
     for tried in speeds["batches"]:
         ratio = tried["loop_images_per_s"] / tried["step_images_per_s"]

@@ -21,6 +21,7 @@ from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import RegressionCoder
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
+from tests.network.even_boxes import EVEN_CENTRES
 
 
 def random_images(count: int) -> Tensor:
@@ -35,7 +36,7 @@ RANGES = (-20, -20, 10, 50, 0), (20, 20, 40, 90, 358)
 def network() -> ShaftNetwork:
     """Random weights, but the batch normalisations have seen images: so scores differ."""
     torch.manual_seed(0)
-    network = ShaftNetwork(InceptionV4Features(0.125), ArchitectureD, RegressionCoder(*RANGES))
+    network = ShaftNetwork(InceptionV4Features(0.25, 0.25), ArchitectureD, RegressionCoder(*RANGES))
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = None  # statistics are plain averages
@@ -109,6 +110,10 @@ class SampledColours(InceptionV4Features):
     def forward(self, images: Tensor) -> list[Tensor]:
         """(B, 3, 299, 299) -> six maps (B, 3, size, size)."""
         return [functional.interpolate(images, (size, size)) for size in MAP_SIZES]
+
+    def cell_centres(self) -> list[list[float]]:
+        """For each map the centres of its cells, in units of the image's side."""
+        return EVEN_CENTRES
 
 
 def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:

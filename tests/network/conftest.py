@@ -22,4 +22,4 @@ def bin_coder() -> BinCoder:
 @pytest.fixture
 def tiny_network(pose_coder: RegressionCoder) -> ShaftNetwork:
     torch.manual_seed(0)
-    return ShaftNetwork(InceptionV4Features(0.04), ArchitectureD, pose_coder)
+    return ShaftNetwork(InceptionV4Features(0.1875, 0.25), ArchitectureD, pose_coder)

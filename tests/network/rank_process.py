@@ -56,10 +56,10 @@ def build_module() -> ShaftModule:
     differ between ranks, and torch has none over all ranks on a CPU."""
     torch.manual_seed(0)
     coder = RegressionCoder(tuple(LOW), tuple(HIGH))
-    network = ShaftNetwork(InceptionV4Features(0.04), ArchitectureD, coder)
+    network = ShaftNetwork(InceptionV4Features(0.1875, 0.25), ArchitectureD, coder)
     loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
     return ShaftModule(
-        network, loss, {}, learning_rate=1e-3, total_steps=STEPS, warmup_steps=0,
+        network, loss, {}, "adam", learning_rate=1e-3, total_steps=STEPS, warmup_steps=0,
         frozen_norm_share=1.0,
     )  # fmt: skip
 

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from shaftpose.network.box_coding import decode_boxes, encode_boxes
-from shaftpose.network.default_boxes import default_boxes, to_corners
+from shaftpose.network.default_boxes import to_corners
+from tests.network.even_boxes import even_boxes
 
 
 def test_encode_by_hand() -> None:
@@ -15,6 +16,6 @@ def test_encode_by_hand() -> None:
 
 
 def test_decode_undoes_encode() -> None:
-    defaults = default_boxes()
+    defaults = even_boxes()
     boxes = torch.tensor([0.2, 0.3, 0.9, 0.7]).expand(2, len(defaults), 4)
     torch.testing.assert_close(decode_boxes(encode_boxes(boxes, defaults), defaults), boxes)

@@ -3,9 +3,10 @@ import torch
 from torch import Tensor, nn
 
 from shaftpose.network.classification_head import ArchitectureB
-from shaftpose.network.default_boxes import BOXES_PER_CELL, default_boxes
+from shaftpose.network.default_boxes import BOXES_PER_CELL
 from shaftpose.network.heads import ArchitectureC, ArchitectureD, flatten_maps
 from shaftpose.network.inception_v4 import MAP_SIZES
+from tests.network.even_boxes import even_boxes
 
 CHANNELS = (4, 4, 4, 4, 4, 4)
 
@@ -37,14 +38,14 @@ def coordinate_map(index: int, size: int) -> Tensor:
 
 def test_order_of_cells_is_that_of_the_default_boxes() -> None:
     flat = flatten_maps([coordinate_map(i, size) for i, size in enumerate(MAP_SIZES)], 3)[0]
-    torch.testing.assert_close(flat[:, :2], default_boxes()[:, :2])
+    torch.testing.assert_close(flat[:, :2], even_boxes()[:, :2])
     assert torch.equal(flat[:, 2], flat[:, 2].sort().values)
 
 
 def test_order_of_boxes_in_a_cell_is_that_of_the_default_boxes() -> None:
     """Convolutions whose biases are the sizes of a cell's default boxes give them all back."""
     head = ArchitectureC(CHANNELS, BOXES_PER_CELL, 1.0, pose_values=5)
-    defaults, start = default_boxes(), 0
+    defaults, start = even_boxes(), 0
     for conv, size, boxes in zip(head.box_convs, MAP_SIZES, BOXES_PER_CELL, strict=True):
         assert isinstance(conv, nn.Conv2d) and conv.bias is not None
         nn.init.zeros_(conv.weight)

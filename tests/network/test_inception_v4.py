@@ -1,8 +1,9 @@
+import pytest
 import torch
 from torch import nn
 
+from shaftpose.errors import InputError
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
-from shaftpose.network.layers import scale_channels
 
 # Of Inception-v4 as a classifier of 1,000 classes: convolutions without bias, weight and bias of
 # each batch normalisation, and the last layer.
@@ -43,15 +44,25 @@ def parameters(module: nn.Module) -> int:
     return sum(weights.numel() for weights in module.parameters())
 
 
-def test_narrow_network_says_its_channels() -> None:
+@pytest.mark.parametrize(("width", "depth"), [(0.3, 1.0), (0.25, 0.25)])
+def test_narrow_and_shallow_networks_say_their_channels(width: float, depth: float) -> None:
     with torch.device("meta"):
-        backbone = InceptionV4Features(0.3)
+        backbone = InceptionV4Features(width, depth)
         maps = backbone(torch.zeros(1, 3, 299, 299))
     assert tuple(m.shape[1] for m in maps) == backbone.channels
 
 
-def test_width_rounds_to_multiples_of_four() -> None:
-    assert scale_channels(224, 0.25) == 56
-    assert scale_channels(96, 0.3) == 28  # 28.8 lies nearer to 28 than to 32
-    assert scale_channels(32, 0.01) == 4
-    assert scale_channels(70, 1.0) == 70
+def test_depth_leaves_out_blocks_and_nothing_else() -> None:
+    """Three Inception-A, five B and two C less; all blocks of a kind are alike at width 1."""
+    with torch.device("meta"):
+        full, shallow = InceptionV4Features(), InceptionV4Features(depth=0.25)
+    assert shallow.channels == full.channels
+    blocks = [parameters(stage.get_submodule("1.0")) for stage in full.trunk]
+    left_out = sum(n * count for n, count in zip(blocks, (3, 5, 2), strict=True))
+    assert parameters(full) - parameters(shallow) == left_out
+
+
+@pytest.mark.parametrize(("width", "depth"), [(0.125, 1.0), (1.0, 0.1)])
+def test_what_is_too_narrow_or_too_shallow_is_refused(width: float, depth: float) -> None:
+    with pytest.raises(InputError, match=r"choose at least"):
+        InceptionV4Features(width, depth)

@@ -5,12 +5,12 @@ import torch
 
 from shaftpose.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
-from shaftpose.network.default_boxes import default_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.matching import match_boxes
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder, RegressionCoder
+from tests.network.even_boxes import even_boxes
 
 # Ten boxes in a row that do not overlap; the ground truth is exactly the third one.
 DEFAULTS = torch.tensor([[0.05 + 0.1 * i, 0.5, 0.1, 0.2] for i in range(10)])
@@ -55,7 +55,7 @@ def test_value_by_hand(pose_coder: RegressionCoder) -> None:
 
 
 def test_perfect_answer_costs_nothing(pose_coder: RegressionCoder) -> None:
-    defaults = default_boxes()
+    defaults = even_boxes()
     truth = Targets(
         torch.tensor([[[0.2, 0.3, 0.8, 0.6], [0.1, 0.6, 0.3, 0.9]]]),
         torch.tensor([[POSE, [1.0, 2.0, 30.0, 80.0, 10.0]]]),

@@ -1,7 +1,8 @@
 import torch
 
-from shaftpose.network.default_boxes import default_boxes, to_centre
+from shaftpose.network.default_boxes import to_centre
 from shaftpose.network.matching import match_boxes
+from tests.network.even_boxes import even_boxes
 
 # Four default boxes: a left half, a right half, the whole image, a small one far down.
 DEFAULTS = to_centre(
@@ -56,8 +57,8 @@ def test_no_ground_truth_at_all() -> None:
 def test_images_of_a_batch_do_not_mix() -> None:
     boxes = torch.tensor([[[0.1, 0.1, 0.4, 0.4]], [[0.5, 0.2, 0.95, 0.8]]])
     valid = torch.ones(2, 1, dtype=torch.bool)
-    together = match_boxes(boxes, valid, default_boxes())
+    together = match_boxes(boxes, valid, even_boxes())
     for i in range(2):
-        alone = match_boxes(boxes[i : i + 1], valid[i : i + 1], default_boxes())
+        alone = match_boxes(boxes[i : i + 1], valid[i : i + 1], even_boxes())
         assert torch.equal(together[i], alone[0])
         assert (alone >= 0).any()

@@ -18,14 +18,14 @@ from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
 from shaftpose.network.shaft_network import ShaftNetwork
 
-IDENTITY: dict[str, str | float] = {"variant": "D", "width": 0.04}
+IDENTITY: dict[str, str | float] = {"variant": "D", "width": 0.1875}
 
 
 @pytest.fixture
 def module(tiny_network: ShaftNetwork) -> ShaftModule:
     loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
     return ShaftModule(
-        tiny_network, loss, IDENTITY, learning_rate=1e-3, total_steps=20, warmup_steps=4
+        tiny_network, loss, IDENTITY, "adam", learning_rate=1e-3, total_steps=20, warmup_steps=4
     )
 
 
@@ -91,7 +91,7 @@ def test_weights_have_their_channels_last_in_memory(module: ShaftModule) -> None
 
 def test_share_of_steps_with_frozen_norm(tiny_network: ShaftNetwork) -> None:
     loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
-    module = ShaftModule(tiny_network, loss, IDENTITY, 1e-3, 20, 4, frozen_norm_share=0.3)
+    module = ShaftModule(tiny_network, loss, IDENTITY, "adam", 1e-3, 20, 4, frozen_norm_share=0.3)
     assert module.frozen_norm_from == 14
 
 
@@ -229,7 +229,7 @@ def test_an_unfinished_training_tells_where_it_goes_on(
 ) -> None:
     path = unfinished(tmp_path / "last.ckpt", module, trainer)
     assert resumed_step(path, IDENTITY) == 2
-    with pytest.raises(InputError, match=r"last.ckpt.*'D', 'width': 0.04.*'D', 'width': 1.0"):
+    with pytest.raises(InputError, match=r"last.ckpt.*'D', 'width': 0.1875.*'D', 'width': 1.0"):
         resumed_step(path, {"variant": "D", "width": 1.0})
 
 
@@ -266,7 +266,7 @@ def saved(path: Path, network: ShaftNetwork) -> Path:
 def test_other_identity_is_refused(tiny_network: ShaftNetwork, tmp_path: Path) -> None:
     path = saved(tmp_path / "d.ckpt", tiny_network)
     with pytest.raises(InputError, match=r"'D'.*'C'"):
-        load_network_weights(path, tiny_network, {"variant": "C", "width": 0.04})
+        load_network_weights(path, tiny_network, {"variant": "C", "width": 0.1875})
 
 
 def test_missing_checkpoint_is_named(tiny_network: ShaftNetwork, tmp_path: Path) -> None:

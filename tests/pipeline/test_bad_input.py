@@ -149,7 +149,7 @@ def test_a_split_of_what_was_not_validated(stage: Run) -> None:
 
 
 def test_a_checkpoint_of_another_variant(stage: Run, folder: Path) -> None:
-    identity = {"variant": "c", "width": 0.0625}
+    identity = {"variant": "c", "width": 0.1875, "depth": 0.25}
     torch.save({"identity": identity, "state_dict": {}}, folder / "model.ckpt")
     line = last_line(stage("export.py", "variant=d", f"model_folder={folder}"))
     assert str(folder / "model.ckpt") in line

@@ -72,7 +72,7 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))
-    assert network.backbone.width == 0.0625
+    assert network.backbone.width == 0.1875
 
 
 @pytest.mark.parametrize(("variant", "values"), [("b", 40 + 40 + 30 + 8 + 72), ("c", 5), ("d", 5)])
@@ -89,7 +89,7 @@ def test_classes_follow_the_steps_and_the_ranges() -> None:
 
 
 def test_variants_with_one_title_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    alike = Variant(name="mine", title="D", noise=0, real_share=0.0)
+    alike = Variant(name="mine", title="D", start=None, pose_loss=True, noise=0, real_share=0.0)
     monkeypatch.setattr(settings, "read_variant", lambda _: alike)
     with pytest.raises(InputError, match=r"^conf/variant/mine\.yaml: title = 'D': .*/d\.yaml has"):
         settings.check_variants(["d", "mine"])

@@ -21,7 +21,7 @@ import train  # noqa: E402
 from stage import Config  # noqa: E402
 
 SIZES = (
-    "profile=smoke", "profiles.smoke.width=0.04", "profiles.smoke.steps=1", "trainer=cpu",
+    "profile=smoke", "profiles.smoke.steps=1", "variant.start=null", "trainer=cpu",
     "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=2", "training.loader_workers=0",
 )  # fmt: skip
 SWEEP = ("-m", "hydra.sweep.dir=sweeps/mine", "loss.alpha=0.5,2.0", *SIZES)

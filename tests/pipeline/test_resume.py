@@ -29,7 +29,7 @@ from shaftpose.network.curves import Curves  # noqa: E402
 
 STEPS, LOG_EVERY = 5, 2
 SIZES = (
-    "profile=smoke", "profiles.smoke.width=0.04", f"profiles.smoke.steps={STEPS}", "trainer=cpu",
+    "profile=smoke", f"profiles.smoke.steps={STEPS}", "variant.start=null", "trainer=cpu",
     "profiles.smoke.validate_every=3", "profiles.smoke.batch_size=2", "training.loader_workers=0",
     "variant=d_noise_real",
 )  # fmt: skip

@@ -28,7 +28,7 @@ import settings  # noqa: E402
 import train  # noqa: E402
 
 SIZES = (
-    "profile=smoke", "profiles.smoke.width=0.04", "profiles.smoke.steps=2",
+    "profile=smoke", "profiles.smoke.steps=2", "variant.start=null",
     "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=4", "training.loader_workers=0",
 )  # fmt: skip
 CPU = ("trainer=cpu",)

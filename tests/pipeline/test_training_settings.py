@@ -49,13 +49,13 @@ def stream(data: TrainingData) -> TrainingStream:
 
 
 def test_the_optimiser_follows_the_profile() -> None:
-    sizes = ("steps=40", "warmup_steps=5", "learning_rate=0.003", "width=0.04")
+    sizes = ("steps=40", "warmup_steps=5", "learning_rate=0.003")
     config = composed("profile=smoke", *(f"profiles.smoke.{size}" for size in sizes),
                       "training.frozen_norm_share=0.25")  # fmt: skip
     module = train.build_module(config, settings.size(config))
     assert (module.learning_rate, module.total_steps, module.warmup_steps) == (0.003, 40, 5)
     assert module.frozen_norm_from == 30
-    assert module.identity == {"variant": "d", "width": 0.04}
+    assert module.identity == {"variant": "d", "width": 0.1875, "depth": 0.25}
 
 
 @pytest.mark.parametrize(

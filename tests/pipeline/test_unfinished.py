@@ -20,8 +20,9 @@ from stage import Config  # noqa: E402
 from shaftpose.errors import InputError  # noqa: E402
 from shaftpose.shards import shard_name  # noqa: E402
 
-# `defaults` chooses backbone and trainer, which are listed themselves.
-WATCHED = sorted(set(parameters_listed("train")) - {"defaults"})
+# `defaults` chooses backbone and trainer, which are listed themselves; of the file at `start` the
+# content counts, not the name.
+WATCHED = sorted(set(parameters_listed("train")) - {"defaults", "variant.start"})
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def changed(config: Config, key: str) -> Config:
 
 
 def fingerprint(config: Config) -> str:
-    return unfinished.fingerprint(config, digests.about_data(with_real=False))
+    return unfinished.fingerprint(config, digests.about_data(with_real=False, start=None))
 
 
 @pytest.mark.parametrize("key", WATCHED)
@@ -83,13 +84,30 @@ def test_the_code_that_dvc_watches_is_hashed_and_no_other() -> None:
 def test_other_data_make_another_training(
     inside: Path, config: Config, name: str, with_real: bool
 ) -> None:
-    before = unfinished.fingerprint(config, digests.about_data(with_real))
+    before = unfinished.fingerprint(config, digests.about_data(with_real, start=None))
     content = (inside / name).read_bytes()
     (inside / name).write_bytes(content + b" ")
-    after = unfinished.fingerprint(config, digests.about_data(with_real))
+    after = unfinished.fingerprint(config, digests.about_data(with_real, start=None))
     (inside / name).write_bytes(content)
     assert after != before
-    assert unfinished.fingerprint(config, digests.about_data(with_real)) == before
+    assert unfinished.fingerprint(config, digests.about_data(with_real, start=None)) == before
+
+
+def test_another_detector_to_start_from_makes_another_training(
+    config: Config, inside: Path, tmp_path: Path
+) -> None:
+    first, second, copy = (tmp_path / name for name in ("first", "second", "copy"))
+    for path, content in ((first, b"1"), (second, b"2"), (copy, b"1")):
+        path.mkdir()
+        (path / "model.ckpt").write_bytes(content)
+    prints = [
+        unfinished.fingerprint(config, digests.about_data(False, path / "model.ckpt"))
+        for path in (first, second, copy)
+    ]
+    assert prints[0] == prints[2] != prints[1]
+    assert fingerprint(config) not in prints
+    with pytest.raises(InputError, match="gone.ckpt: no such detector.*dvc repro detector"):
+        digests.about_data(False, tmp_path / "gone.ckpt")
 
 
 def test_an_interrupted_training_keeps_its_folder_and_its_id(tmp_path: Path) -> None:

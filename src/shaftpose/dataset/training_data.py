@@ -16,6 +16,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from shaftpose.batches import Batch, Targets
 from shaftpose.dataset.coco import RealImage, load_square
 from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.symmetries import random_symmetry
 from shaftpose.errors import InputError
 from shaftpose.instruments import Annotations
 from shaftpose.shards import ShardedDataset
@@ -71,7 +72,8 @@ class TrainingStream(Images):
     """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
 
     Rendered images come in a new random order each time round; a share `real_share` of the items,
-    evenly spread, are real images. A run that stops at item n can go on from there.
+    evenly spread, are real images. With `symmetries` each is mirrored and turned at random. A run
+    that stops at item n can go on from there.
     A damaged image stops the training, unless `skipped` is there to note it: then the next image in
     the order takes its place. Raises InputError naming the damaged image, or the last if all are.
     """
@@ -83,6 +85,7 @@ class TrainingStream(Images):
     length: int
     seed: int
     skipped: SkippedImages | None = None
+    symmetries: bool = False
 
     @property
     def different_images(self) -> int:
@@ -101,6 +104,8 @@ class TrainingStream(Images):
         else:
             rgb, annotations = self._draw(self.rendered, n - real_before)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
+        if self.symmetries:
+            rgb, annotations = random_symmetry(rgb, annotations, rng)
         for transform in self.transforms:
             rgb = transform(rgb, rng)
         return rgb, annotations

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from shaftpose.errors import InputError
 from shaftpose.network.shaft_network import ShaftNetwork
 
 WEIGHT_PREFIX = "network."  # the network's name in `ShaftModule`
+_OF_POSES = ("head.pose", "pose_coder.")  # what a detector has not learned
 
 _AGAIN = "delete it and train the network again"
 
@@ -22,18 +24,32 @@ def load_network_weights(
 
     Raises InputError if the file does not hold them.
     """
-    checkpoint = _read_checkpoint_of(path, identity, {"state_dict"})
-    weights = {
-        name.removeprefix(WEIGHT_PREFIX): value
-        for name, value in checkpoint["state_dict"].items()
-        if name.startswith(WEIGHT_PREFIX)
-    }
     try:
-        network.load_state_dict(weights)
+        network.load_state_dict(_network_weights(path, identity))
     except RuntimeError as error:
         raise InputError(
             f"{path}: its weights do not fit this version of {identity}; {_AGAIN}"
         ) from error
+
+
+def start_from_detector(
+    path: Path, network: ShaftNetwork, identity: dict[str, str | float]
+) -> None:
+    """Fill backbone, class and box convolutions of `network` with those of a trained detector.
+
+    identity: the detector's. Raises InputError if the file does not hold these weights.
+    """
+    weights = {
+        name: value
+        for name, value in _network_weights(path, identity).items()
+        if not name.startswith(_OF_POSES)
+    }
+    try:
+        missing = network.load_state_dict(weights, strict=False).unexpected_keys
+    except RuntimeError as error:
+        raise InputError(f"{path}: its weights do not fit {identity}; {_AGAIN}") from error
+    if missing:
+        raise InputError(f"{path}: the network has no {missing[0]} to fill; {_AGAIN}")
 
 
 def identity_of(path: Path) -> dict[str, str | float]:
@@ -42,6 +58,15 @@ def identity_of(path: Path) -> dict[str, str | float]:
     Raises InputError if the file is no checkpoint.
     """
     return dict(_read_checkpoint(path, {"state_dict"})["identity"])
+
+
+def _network_weights(path: Path, identity: dict[str, str | float]) -> dict[str, Tensor]:
+    state = _read_checkpoint_of(path, identity, {"state_dict"})["state_dict"]
+    return {
+        name.removeprefix(WEIGHT_PREFIX): value
+        for name, value in state.items()
+        if name.startswith(WEIGHT_PREFIX)
+    }
 
 
 def resumed_step(path: Path, identity: dict[str, str | float]) -> int:
@@ -61,7 +86,7 @@ def _read_checkpoint_of(
     if checkpoint["identity"] != identity:
         raise InputError(
             f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "
-            f"{_AGAIN}, or choose the checkpoint's variant and width"
+            f"{_AGAIN}, or choose the checkpoint's variant, width and depth"
         )
     return checkpoint
 

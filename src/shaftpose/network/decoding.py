@@ -7,10 +7,9 @@ from torch import Tensor
 
 from shaftpose.network.box_coding import decode_boxes
 from shaftpose.network.heads import HeadOutputs
+from shaftpose.network.inception_v4 import IMAGE_SIDE_PX
 from shaftpose.network.nms import nms_mask
 from shaftpose.network.pose_coding import PoseCoder
-
-IMAGE_SIDE_PX = 299
 
 
 class DecodedOutputs(NamedTuple):

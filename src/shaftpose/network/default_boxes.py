@@ -3,10 +3,10 @@
 Boxes are in units of the image's side, as `cx, cy, w, h` or as `x0, y0, x1, y1`.
 """
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
-
-from shaftpose.network.inception_v4 import MAP_SIZES
 
 # Of an image side of 300: each map's own scale, and the next one, with which it makes the
 # geometric mean for its second square box.
@@ -15,12 +15,13 @@ ASPECT_RATIOS = ((2,), (2, 3), (2, 3), (2, 3), (2,), (2,))
 BOXES_PER_CELL = tuple(2 + 2 * len(ratios) for ratios in ASPECT_RATIOS)
 
 
-def default_boxes() -> Tensor:
+def default_boxes(centres: Sequence[Sequence[float]]) -> Tensor:
     """(7322, 4) `cx, cy, w, h`, ordered by map, row, column and box in the cell.
 
-    Boxes may reach beyond the image.
+    centres: of the cells of each map, along either axis, in units of the image's side. Boxes may
+    reach beyond the image.
     """
-    return torch.cat([_map_boxes(size, _cell_shapes(i)) for i, size in enumerate(MAP_SIZES)])
+    return torch.cat([_map_boxes(torch.tensor(c), _cell_shapes(i)) for i, c in enumerate(centres)])
 
 
 def _cell_shapes(map_index: int) -> Tensor:
@@ -34,10 +35,9 @@ def _cell_shapes(map_index: int) -> Tensor:
     return torch.tensor(shapes)
 
 
-def _map_boxes(size: int, shapes: Tensor) -> Tensor:
-    """(size * size * N, 4): the shapes (N, 2) at the centre of every cell."""
-    steps = (torch.arange(size) + 0.5) / size
-    cy, cx = torch.meshgrid(steps, steps, indexing="ij")
+def _map_boxes(centres: Tensor, shapes: Tensor) -> Tensor:
+    """(size * size * N, 4): the shapes (N, 2) at every cell of a map with these `size` centres."""
+    cy, cx = torch.meshgrid(centres, centres, indexing="ij")
     centres = torch.stack([cx, cy], dim=-1).reshape(-1, 1, 2)
     cells, count = len(centres), len(shapes)
     return torch.cat(

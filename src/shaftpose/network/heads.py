@@ -11,7 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.layers import ConvBNReLU, scale_channels
+from shaftpose.network.layers import ConvBNReLU
+from shaftpose.network.scaling import scale_channels
 
 CLASSES = 2  # background, instrument
 BOX_OFFSETS = 4

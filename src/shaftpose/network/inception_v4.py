@@ -1,8 +1,8 @@
 """Inception-v4 (Szegedy et al., 2016), extended to the six feature maps of an SSD detector.
 
-At width 1.0 every convolution up to the third map is that of the published layer table. Two things
-follow the paper on shaft poses instead of the classifier: Reduction-B is padded, so that its map is
-9 x 9 and not 8 x 8, and three more stages lead down to 2 x 2.
+At width and depth 1.0 every convolution up to the third map is that of the published layer table.
+Two things follow the paper on shaft poses instead of the classifier: Reduction-B is padded, so that
+its map is 9 x 9 and not 8 x 8, and three more stages lead down to 2 x 2.
 """
 
 from collections.abc import Callable
@@ -11,8 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.layers import ConvBNReLU, Size, scale_channels
+from shaftpose.network.layers import ConvBNReLU, Size
+from shaftpose.network.sampling import Grid, through
+from shaftpose.network.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
 
+IMAGE_SIDE_PX = 299
 MAP_SIZES = (35, 17, 9, 5, 3, 2)
 EXTRA_CHANNELS = (512, 256, 256)
 
@@ -91,7 +94,7 @@ class Concat(nn.Module):
 
 def stem(width: float) -> nn.Sequential:
     """(B, 3, 299, 299) -> (B, 384, 35, 35)."""
-    first = Chain(3, width, Conv(32, 3, 2, 0), Conv(32, 3, 1, 0), Conv(64, 3))
+    first = Chain(3, width, Conv(STEM_CHANNELS, 3, 2, 0), Conv(32, 3, 1, 0), Conv(64, 3))
     second = Concat(
         _max_pool(first.channels, padding=0), Chain(first.channels, width, Conv(96, 3, 2, 0))
     )
@@ -168,18 +171,21 @@ def inception_c(channels: int, width: float) -> Concat:
 class InceptionV4Features(nn.Module):
     """The backbone: six feature maps of sizes `MAP_SIZES` with `channels` channels each.
 
-    `width` multiplies the channels of every convolution; 1.0 is the published network.
+    `width` multiplies the channels of every convolution, `depth` the number of Inception blocks;
+    1.0 and 1.0 are the published network. Raises InputError if either is too small.
     """
 
-    def __init__(self, width: float = 1.0) -> None:
+    def __init__(self, width: float = 1.0, depth: float = 1.0) -> None:
         super().__init__()
+        check_width(width)
         self.width = width
+        a_count, b_count, c_count = block_counts(depth)
         first = stem(width)
-        a_blocks = _repeat(inception_a, 4, _channels(first), width)
+        a_blocks = _repeat(inception_a, a_count, _channels(first), width)
         to_17 = reduction_a(_channels(a_blocks), width)
-        b_blocks = _repeat(inception_b, 7, to_17.channels, width)
+        b_blocks = _repeat(inception_b, b_count, to_17.channels, width)
         to_9 = reduction_b(_channels(b_blocks), width)
-        c_blocks = _repeat(inception_c, 3, to_9.channels, width)
+        c_blocks = _repeat(inception_c, c_count, to_9.channels, width)
         self.trunk = nn.ModuleList(
             [
                 nn.Sequential(first, a_blocks),
@@ -200,6 +206,14 @@ class InceptionV4Features(nn.Module):
             x = stage(x)
             maps.append(x)
         return maps
+
+    def cell_centres(self) -> list[list[float]]:
+        """For each map the centres of its cells along either axis, in units of the image's side."""
+        centres, grid = [], Grid()
+        for size, stage in zip(MAP_SIZES, (*self.trunk, *self.extra), strict=True):
+            grid = through(stage, grid)
+            centres.append([grid.centre_px(cell) / IMAGE_SIDE_PX for cell in range(size)])
+        return centres
 
 
 def _repeat(

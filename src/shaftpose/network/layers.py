@@ -1,16 +1,9 @@
-"""What the backbone and the heads share: width scaling, Conv-BN-ReLU and its statistics."""
+"""What the backbone and the heads share: Conv-BN-ReLU and its statistics."""
 
 import torch
 from torch import Tensor, nn
 
 Size = int | tuple[int, int]
-
-
-def scale_channels(channels: int, width: float) -> int:
-    """`channels` x `width`, rounded to a multiple of 4, at least 4; unchanged at width 1.0."""
-    if width == 1.0:
-        return channels
-    return max(4, 4 * round(channels * width / 4))
 
 
 class ConvBNReLU(nn.Module):

@@ -1,6 +1,7 @@
 """Training: one step, its learning rate, and what is logged."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,17 +17,20 @@ from shaftpose.network.decoding import decode
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.layers import freeze_statistics
 from shaftpose.network.loss import LossTerms, ShaftLoss
+from shaftpose.network.muon import Muon
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
 
 DECAY_POWER = 2.0  # of the learning rate's polynomial decay, as in the paper
+MUON_RATIO = 5.0  # of Muon's learning rate to that of Adam
 
 
 class ShaftModule(LightningModule):
-    """Trains a `ShaftNetwork` with Adam: linear warm-up, then polynomial decay, by steps.
+    """Trains a `ShaftNetwork`: linear warm-up, then polynomial decay, by steps.
 
-    `identity` (variant, width) says which network the weights in a checkpoint belong to. In the
-    last steps, a share `frozen_norm_share` of all, batch normalisation works as it does in the
-    finished network.
+    `optimizer`: Adam for all weights, or Muon for the convolutions of the backbone and Adam for the
+    others, whose learning rate is `learning_rate`. `identity` (variant, width, depth) says which
+    network the weights in a checkpoint belong to. In the last steps, a share `frozen_norm_share` of
+    all, batch normalisation works as it does in the finished network.
     """
 
     def __init__(
@@ -34,6 +38,7 @@ class ShaftModule(LightningModule):
         network: ShaftNetwork,
         loss: ShaftLoss,
         identity: dict[str, str | float],
+        optimizer: Literal["adam", "muon"],
         learning_rate: float,
         total_steps: int,
         warmup_steps: int,
@@ -44,6 +49,7 @@ class ShaftModule(LightningModule):
         self.network: ShaftNetwork = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.loss = loss
         self.identity = identity
+        self.optimizer = optimizer
         self.learning_rate = learning_rate
         self.total_steps = total_steps
         self.warmup_steps = warmup_steps
@@ -88,16 +94,26 @@ class ShaftModule(LightningModule):
         return decode(outputs, network.defaults, network.pose_coder)._asdict()
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
-        """Adam, its learning rate multiplied by `learning_rate_factor` at every step."""
+        """The optimiser, its learning rates multiplied by `learning_rate_factor` at every step."""
         # A fused optimiser undoes the scaling of half precision's gradients by itself, after they
         # would be clipped: Lightning refuses the two together.
         fused = not self.trainer.gradient_clip_val
-        optimizer = torch.optim.Adam(self.network.parameters(), lr=self.learning_rate, fused=fused)
+        optimizer = self._optimizer(fused)
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, self.learning_rate_factor)
         return {
             "optimizer": optimizer,
             "lr_scheduler": {"scheduler": scheduler, "interval": "step"},
         }
+
+    def _optimizer(self, fused: bool) -> torch.optim.Optimizer:
+        weights = list(self.network.parameters())
+        if self.optimizer == "adam":
+            return torch.optim.Adam(weights, lr=self.learning_rate, fused=fused)
+        matrices = [w for w in self.network.backbone.parameters() if w.dim() == 4]
+        chosen = {id(weight) for weight in matrices}
+        others = [weight for weight in weights if id(weight) not in chosen]
+        rate = self.learning_rate
+        return Muon(matrices, others, MUON_RATIO * rate, rate, fused=fused)
 
     def learning_rate_factor(self, step: int) -> float:
         """Rises to 1 over the warm-up, then falls to 0 at `total_steps`."""

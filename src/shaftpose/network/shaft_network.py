@@ -35,7 +35,8 @@ class ShaftNetwork(nn.Module):
             pose_values=pose_coder.values,
         )
         self.pose_coder = pose_coder
-        self.register_buffer("defaults", default_boxes(), persistent=False)
+        defaults = default_boxes(backbone.cell_centres())
+        self.register_buffer("defaults", defaults, persistent=False)
 
     def forward(self, images: Tensor) -> HeadOutputs:
         """(B, 3, 299, 299) in [-1, 1] -> predictions for the A = 7322 default boxes."""

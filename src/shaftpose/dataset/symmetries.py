@@ -1,0 +1,58 @@
+"""Mirrored and quarter-turned images with their boxes and poses.
+
+They are exact for a camera with its principal point in the middle of a square image. The light of
+the scope, left and right of the lens, is mirrored and turned as well.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.instruments import Annotations
+
+Image = NDArray[np.uint8]
+
+
+def random_symmetry(
+    rgb: Image, known: Annotations, rng: np.random.Generator
+) -> tuple[Image, Annotations]:
+    """One of the eight symmetries of a square image (S, S, 3), each as likely as the others."""
+    for symmetry in (mirrored_x, mirrored_y, transposed):
+        if rng.random() < 0.5:
+            rgb, known = symmetry(rgb, known)
+    return np.ascontiguousarray(rgb), known
+
+
+def mirrored_x(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
+    """Left and right exchanged: x becomes -x, yaw 180 deg - yaw."""
+    side = rgb.shape[1]
+    x0, y0, x1, y1 = known.boxes.T
+    boxes = np.stack([side - x1, y0, side - x0, y1], axis=1)
+    return rgb[:, ::-1], Annotations(boxes, _changed(known.poses, (-1, 1), 180.0))
+
+
+def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
+    """Top and bottom exchanged: y becomes -y, yaw -yaw."""
+    side = rgb.shape[0]
+    x0, y0, x1, y1 = known.boxes.T
+    boxes = np.stack([x0, side - y1, x1, side - y0], axis=1)
+    return rgb[::-1], Annotations(boxes, _changed(known.poses, (1, -1), 0.0))
+
+
+def transposed(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
+    """Rows and columns exchanged: x becomes y, y becomes x, yaw 90 deg - yaw."""
+    poses = _changed(known.poses, (1, 1), 90.0)
+    if poses is not None:
+        poses[:, :2] = poses[:, 1::-1]
+    return rgb.transpose(1, 0, 2), Annotations(known.boxes[:, [1, 0, 3, 2]], poses)
+
+
+def _changed(
+    poses: NDArray[np.float64] | None, signs: tuple[int, int], yaw_deg: float
+) -> NDArray[np.float64] | None:
+    """Poses (G, 5) with x and y times `signs` and yaw `yaw_deg` - yaw, in [0, 360)."""
+    if poses is None:
+        return None
+    poses = poses.copy()
+    poses[:, :2] *= signs
+    poses[:, 4] = (yaw_deg - poses[:, 4]) % 360.0
+    return poses

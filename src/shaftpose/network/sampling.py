@@ -1,0 +1,52 @@
+"""Where the cells of a feature map lie in the image, from the strides and paddings of its layers.
+
+A cell looks at a square of the image. Its centre moves by `(kernel - 1) / 2 - padding` cells of the
+layer before (Dumoulin and Visin, 2016, relationship 6); what padding cuts off at the border is not
+subtracted.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import nn
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Centres of cells: the first one, and the step to the next, in pixels, alike in x and y.
+
+    Without arguments: those of the image's own pixels.
+    """
+
+    first_px: float = 0.5
+    step_px: float = 1.0
+
+    def centre_px(self, cell: int) -> float:
+        """The centre of the cell in this row or column."""
+        return self.first_px + cell * self.step_px
+
+
+def through(module: nn.Module, grid: Grid) -> Grid:
+    """The grid behind a module whose input has `grid`.
+
+    Modules in a `branches` list stand side by side, all others behind one another.
+    """
+    if isinstance(module, nn.Conv2d | nn.MaxPool2d):
+        kernel, stride, padding = (
+            _pair(size) for size in (module.kernel_size, module.stride, module.padding)
+        )
+        (shift,) = {(k - 1) / 2 - p for k, p in zip(kernel, padding, strict=True)}
+        (factor,) = set(stride)
+        return Grid(grid.first_px + shift * grid.step_px, grid.step_px * factor)
+    branches = getattr(module, "branches", None)
+    if branches is not None:
+        (behind,) = {through(branch, grid) for branch in branches}
+        return behind
+    for child in module.children():
+        grid = through(child, grid)
+    return grid
+
+
+def _pair(size: Any) -> tuple[int, int]:
+    """What torch notes of a layer's size: one number, or one for each axis."""
+    return size if isinstance(size, tuple) else (size, size)
