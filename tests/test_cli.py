@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.cli import main
+from shaftpose.deployment import bundled
 from shaftpose.deployment.onnx_export import store_metadata
 from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.images import write_jpeg
@@ -36,6 +37,23 @@ def test_predict_prints_what_reaches_the_models_confidence(
     main(["predict", str(frame), str(frame), "--model", str(constant_model)])
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert lines == [{"image": str(frame), "instruments": [FIRST]}] * 2
+
+
+def test_predict_needs_no_model_file(
+    constant_model: Path,
+    frame: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    monkeypatch.setattr(bundled, "FOLDER", constant_model.parent)
+    model = constant_model.rename(constant_model.with_name(bundled.MODEL))
+    model.with_name(bundled.CHECKSUM).write_bytes(bundled.checksum(model))
+    main(["predict", str(frame)])
+    assert json.loads(capsys.readouterr().out)["instruments"] == [FIRST]
+    model.unlink()
+    with pytest.raises(SystemExit, match=rf"^error: {model}: missing; reinstall the package.*$"):
+        main(["predict", str(frame)])
 
 
 def test_the_users_confidence_goes_first(

@@ -10,6 +10,7 @@ import numpy as np
 
 from shaftpose.backgrounds.library import read_library
 from shaftpose.dataset.coco import RealImage, load_square, read_coco
+from shaftpose.deployment.bundled import bundled_model
 from shaftpose.deployment.overlay import (
     contact_sheet,
     draw_detections,
@@ -44,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", nargs="+", type=Path, help="PNG or JPEG files")
-    parser.add_argument("--model", type=Path, required=True, help="model.onnx of a variant")
+    parser.add_argument("--model", type=Path, help="model.onnx of a variant (the package's own)")
     parser.add_argument("--confidence", type=float, help="least score (the model's own)")
     parser.add_argument("--draw", type=Path, help="folder for images with what was found")
     parser.add_argument("--view-deg", type=float, help="view angle, for --draw (the model's own)")
@@ -71,7 +72,7 @@ def positive(text: str) -> int:
 def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at the model's
     size, poses in mm and deg."""
-    predictor = Predictor(options.model)
+    predictor = Predictor(bundled_model() if options.model is None else options.model)
     side_px = predictor.side_px
     view_deg = predictor.view_deg if options.view_deg is None else options.view_deg
     camera = Camera.from_field_of_view(side_px, side_px, view_deg)
