@@ -23,6 +23,7 @@ from shaftpose.config import (
     parse,
 )
 from shaftpose.errors import InputError
+from shaftpose.network.scaling import block_counts, check_width
 
 _BUILT = ("head", "pose_coder")  # what of a variant's file names classes
 
@@ -56,10 +57,19 @@ def check(config: Config) -> None:
 
 
 def check_variants(names: Sequence[str]) -> None:
-    """Parse the files of variants. Raises InputError if two cannot be told apart in the report."""
+    """Parse the files of variants.
+
+    Raises InputError if one learns no poses, or two cannot be told apart in the report.
+    """
     named: dict[str, str] = {}
     for name in names:
-        title = read_variant(name).title
+        chosen = read_variant(name)
+        if not chosen.pose_loss:
+            raise InputError(
+                f"params.yaml: variants: {name!r}: learns no poses (its pose_loss is false); "
+                "remove it, other variants start from it"
+            )
+        title = chosen.title
         if named.get(title) == name:
             raise InputError(f"params.yaml: variants: {name!r}: listed twice; remove one")
         if title in named:
@@ -100,8 +110,15 @@ def parse_variant(values: Mapping[str, Any], file: str) -> Variant:
 
 
 def size(config: Config) -> Size:
-    """The sizes of the chosen profile."""
-    return parse(Size, config["size"], f"conf/profiles.yaml: {config['profile']}")
+    """The sizes of the chosen profile. Raises InputError if no network has them."""
+    where = f"conf/profiles.yaml: {config['profile']}"
+    sizes = parse(Size, config["size"], where)
+    try:
+        check_width(sizes.width)
+        block_counts(sizes.depth)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return sizes
 
 
 def cluster_settings(config: Config) -> ClusterSettings:

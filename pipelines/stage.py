@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from settings import Config, check
+from settings import Config, check, size
 
 from shaftpose.errors import InputError
 
@@ -68,6 +68,9 @@ def _resolved(composed: DictConfig) -> Config:
         raise InputError(
             f"params.yaml: profile = {composed.profile!r}: unknown; choose one of {known}"
         )
+    # Before other parts refer to a size that is missing.
+    sizes = OmegaConf.to_container(composed.profiles[composed.profile])
+    size({"profile": composed.profile, "size": sizes})
     try:
         config = OmegaConf.to_container(composed, resolve=True)
     except OmegaConfBaseException as error:

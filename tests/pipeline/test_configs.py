@@ -61,6 +61,9 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
         ("variants=d_noise", "params.yaml.variants = 'd_noise': "),
         ("variants=[]", "params.yaml.variants = []: "),
         ("variants=[c,d,c]", "params.yaml: variants: 'c': listed twice"),
+        ("variants=[c,detector]", "params.yaml: variants: 'detector': learns no poses"),
+        ("profiles.smoke.depth=0.1", "conf/profiles.yaml: smoke: depth = 0.1 gives the three"),
+        ("profiles.smoke.width=0.1", "conf/profiles.yaml: smoke: width = 0.1 gives the first"),
     ],
 )
 def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> None:

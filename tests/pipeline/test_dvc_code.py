@@ -25,6 +25,7 @@ PLUMBING = frozenset(
         "src/shaftpose/errors.py",
         "src/shaftpose/files.py",
         "src/shaftpose/nested.py",
+        "src/shaftpose/network/scaling.py",
         "src/shaftpose/sweep.py",
         "src/shaftpose/tracking.py",
     }
