@@ -32,8 +32,7 @@ $(READY): pyproject.toml constraints.txt
 	touch $@
 
 repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print the ablation
-	dvc repro split real_images
-	dvc repro detector
+	dvc repro split real_images detector
 	$(MAKE) --jobs=$(JOBS) $(addprefix variant-,$(VARIANTS))
 	dvc repro
 	@cat reports/ablation.md

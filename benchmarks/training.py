@@ -154,6 +154,7 @@ def composed(profile: str) -> Config:
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
         # What Hydra fills in for a script that it starts.
         overrides = ["out=.", f"variant_file={VARIANT}", f"variant={VARIANT}"]
+        overrides.append("variant.start=null")  # speed does not depend on the weights
         # Of the few steps that are timed none is among the last ones of a training.
         whole = "training.frozen_norm_share=0"
         content = compose("config", [*overrides, f"profile={profile}", whole])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from lightning import Callback, LightningModule, Trainer
+from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
 from shaftpose.batches import Batch, Targets
@@ -60,6 +61,25 @@ def trainer(tmp_path: Path) -> Trainer:
         accelerator="cpu", max_steps=2, default_root_dir=tmp_path, logger=False,
         enable_checkpointing=False, enable_progress_bar=False, enable_model_summary=False,
     )  # fmt: skip
+
+
+def test_muon_moves_the_backbones_convolutions_and_adam_the_rest(
+    tiny_network: ShaftNetwork, trainer: Trainer
+) -> None:
+    loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
+    module = ShaftModule(tiny_network, loss, IDENTITY, "muon", 1e-3, total_steps=2, warmup_steps=0)
+    before = {name: weight.clone() for name, weight in tiny_network.named_parameters()}
+    trainer.fit(module, loader(2))
+    (optimizer,) = trainer.optimizers
+    matrices, others = (group["params"] for group in optimizer.param_groups)
+    convolutions = [m.weight for m in tiny_network.backbone.modules() if isinstance(m, nn.Conv2d)]
+    assert {id(weight) for weight in matrices} == {id(weight) for weight in convolutions}
+    assert len(matrices) + len(others) == len(before)
+    assert [group["initial_lr"] for group in optimizer.param_groups] == [5e-3, 1e-3]
+    for name, weight in tiny_network.named_parameters():
+        # The last maps have no matched box, so nothing to learn from.
+        if name.startswith(("backbone.trunk", "head.class_convs.0")):
+            assert not torch.equal(weight, before[name]), name
 
 
 def test_norm_is_frozen_in_the_last_steps(module: ShaftModule, trainer: Trainer) -> None:

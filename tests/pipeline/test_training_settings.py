@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import TrainingData, TrainingStream
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.errors import InputError
 from shaftpose.instruments import Detections
 from shaftpose.shards import ShardedDataset
 from tests.pipeline.conftest import ROOT
@@ -25,6 +27,7 @@ import predictions  # noqa: E402
 import settings  # noqa: E402
 import train  # noqa: E402
 
+POSES = ("head.pose", "pose_coder.")
 JITTER = {"brightness": [1, 2], "contrast": [3, 4], "saturation": [5, 6], "hue_deg": [7, 8]}
 
 
@@ -49,13 +52,46 @@ def stream(data: TrainingData) -> TrainingStream:
 
 
 def test_the_optimiser_follows_the_profile() -> None:
-    sizes = ("steps=40", "warmup_steps=5", "learning_rate=0.003")
+    sizes = (
+        "steps=40", "detector_steps=30", "warmup_steps=5", "learning_rate=0.003", "optimizer=adam",
+    )  # fmt: skip
     config = composed("profile=smoke", *(f"profiles.smoke.{size}" for size in sizes),
-                      "training.frozen_norm_share=0.25")  # fmt: skip
+                      "training.frozen_norm_share=0.25", "variant.start=null")  # fmt: skip
     module = train.build_module(config, settings.size(config))
     assert (module.learning_rate, module.total_steps, module.warmup_steps) == (0.003, 40, 5)
+    assert module.optimizer == "adam"
     assert module.frozen_norm_from == 30
     assert module.identity == {"variant": "d", "width": 0.1875, "depth": 0.25}
+
+
+def test_a_detector_takes_its_own_steps_and_no_pose_loss() -> None:
+    sizes = ("steps=40", "detector_steps=30")
+    config = composed(
+        "profile=smoke", "variant=detector", *(f"profiles.smoke.{size}" for size in sizes)
+    )
+    module = train.build_module(config, train.training_size(config))
+    assert module.total_steps == 30
+    assert module.loss.beta.tolist() == [0.0] * 5
+    other = composed("profile=smoke", "variant=d", *(f"profiles.smoke.{size}" for size in sizes))
+    assert train.training_size(other).steps == 40
+
+
+def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Path) -> None:
+    """Backbone, classes and boxes; its poses are its own. B has other buffers for them."""
+    alone = composed("profile=smoke", "variant=detector")
+    detector = train.build_module(alone, train.training_size(alone))
+    path = tmp_path / "model.ckpt"
+    state = {f"network.{name}": value + 1 for name, value in detector.network.state_dict().items()}
+    torch.save({"state_dict": state, "identity": detector.identity}, path)
+    for variant in ("b", "c", "d"):
+        config = composed("profile=smoke", f"variant={variant}", f"variant.start={path}")
+        weights = networks.initial_network(config).state_dict()
+        learned = {name for name in weights if not name.startswith(POSES)}
+        assert learned == {n for n in detector.network.state_dict() if not n.startswith(POSES)}
+        assert all(torch.equal(weights[name], state[f"network.{name}"]) for name in learned)
+    deeper = composed("profile=smoke", f"variant.start={path}", "profiles.smoke.depth=0.5")
+    with pytest.raises(InputError, match=r"'depth': 0.25}, not of .*'depth': 0.5}"):
+        networks.initial_network(deeper)
 
 
 @pytest.mark.parametrize(
