@@ -3,6 +3,7 @@ import torch
 
 from shaftpose.network.default_boxes import (
     BOXES_PER_CELL,
+    clipped,
     pairwise_iou,
     to_centre,
     to_corners,
@@ -42,6 +43,14 @@ def test_second_map_has_ratio_three() -> None:
 def test_last_box_by_hand() -> None:
     expected = [0.75, 0.75, 264 / 300 / 2**0.5, 264 / 300 * 2**0.5]
     assert even_boxes()[-1].tolist() == pytest.approx(expected)
+
+
+def test_clipped_boxes_end_at_the_border() -> None:
+    boxes = to_centre(
+        torch.tensor([[-0.1, 0.2, 0.3, 1.2], [0.4, 0.4, 0.5, 0.5], [-1.0, -1.0, 2.0, 2.0]])
+    )
+    expected = [[0.0, 0.2, 0.3, 1.0], [0.4, 0.4, 0.5, 0.5], [0.0, 0.0, 1.0, 1.0]]
+    torch.testing.assert_close(to_corners(clipped(boxes)), torch.tensor(expected))
 
 
 def test_conversions_undo_each_other() -> None:

@@ -19,9 +19,18 @@ def default_boxes(centres: Sequence[Sequence[float]]) -> Tensor:
     """(7322, 4) `cx, cy, w, h`, ordered by map, row, column and box in the cell.
 
     centres: of the cells of each map, along either axis, in units of the image's side. Boxes may
-    reach beyond the image.
+    reach beyond the image; see `clipped`.
     """
     return torch.cat([_map_boxes(torch.tensor(c), _cell_shapes(i)) for i, c in enumerate(centres)])
+
+
+def clipped(boxes: Tensor) -> Tensor:
+    """(A, 4) `cx, cy, w, h` without what lies beyond the image.
+
+    Boxes of shafts end at the image's border. Clipped default boxes overlap them more, and twice as
+    many match.
+    """
+    return to_centre(to_corners(boxes).clamp(0.0, 1.0))
 
 
 def _cell_shapes(map_index: int) -> Tensor:

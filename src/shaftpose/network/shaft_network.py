@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.default_boxes import BOXES_PER_CELL, default_boxes
+from shaftpose.network.default_boxes import BOXES_PER_CELL, clipped, default_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.inception_v4 import InceptionV4Features
 from shaftpose.network.pose_coding import PoseCoder
@@ -35,7 +35,7 @@ class ShaftNetwork(nn.Module):
             pose_values=pose_coder.values,
         )
         self.pose_coder = pose_coder
-        defaults = default_boxes(backbone.cell_centres())
+        defaults = clipped(default_boxes(backbone.cell_centres()))
         self.register_buffer("defaults", defaults, persistent=False)
 
     def forward(self, images: Tensor) -> HeadOutputs:
