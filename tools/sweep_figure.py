@@ -17,7 +17,8 @@ import yaml
 from shaftpose import tracking
 from shaftpose.errors import InputError
 from shaftpose.evaluation.figure_style import save_figure
-from shaftpose.evaluation.sweep_figure import NO_VALUE, SweepJob, sweep_figure, swept_parameters
+from shaftpose.evaluation.sweep_figure import sweep_figure
+from shaftpose.evaluation.sweep_jobs import SweepJob, swept_parameters
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # What each line of the table says of a training, too, be it swept or not.
@@ -70,8 +71,8 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
     """How many trainings are drawn, how many of them lack metrics, and how many are left out."""
     lacking = sum(not job.metrics.keys() >= set(METRICS) for job in jobs)
     return (
-        f"{len(jobs)} finished trainings are drawn, {lacking} of them without a right detection "
-        f"({NO_VALUE} for its errors); {unfinished} others are not finished"
+        f"{len(jobs)} finished trainings are drawn, {lacking} of them without a right detection, "
+        f"so without errors; {unfinished} others are not finished"
     )
 
 

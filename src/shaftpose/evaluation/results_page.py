@@ -7,7 +7,7 @@ from shaftpose.evaluation.ablation import AblationReport
 from shaftpose.evaluation.binned_errors_figure import FEWEST
 from shaftpose.evaluation.repeated_trainings import repeated_blocks
 from shaftpose.evaluation.report import blocks, pipe_table
-from shaftpose.evaluation.sweep_figure import NO_VALUE
+from shaftpose.evaluation.sweep_jobs import NO_VALUE
 from shaftpose.evaluation.training_record import TrainingRecord
 from shaftpose.nested import flatten
 
@@ -34,8 +34,9 @@ BINNED = (
 )
 SWEEPS = (
     "Trainings that differ in their settings, by metrics of the last validation. The lighter a "
-    f"line, the better its mAP. `{NO_VALUE}`: a variant does not have the setting, or nothing was "
-    "found right, so that there is no error to measure."
+    "line, the better its mAP; the lighter a cell, the better its value. "
+    f"`{NO_VALUE}`: a variant does not have the setting, or nothing was found right, so that there "
+    "is no error to measure."
 )
 SPEED = "What is aimed at in rendering, and what of it is reached, is in [scaling.md](scaling.md)."
 

@@ -1,117 +1,15 @@
-"""A sweep as parallel coordinates: each job a line through its settings and its metrics."""
+"""The figure of a sweep: heat maps where they show all of it, else parallel coordinates."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from shaftpose.evaluation.figure_style import GRID, INK, new_figure
-
-NO_VALUE = "-"
-VARIANT = "variant.name"
-# Heights, of an axis' 1, at which its values begin and end, and at which those of a metric end that
-# some jobs lack: `-` is above them.
-_LOWEST, _HIGHEST, _HIGHEST_KNOWN = 0.04, 0.96, 0.84
-_LONGEST = 30  # characters that fit beside an axis
-# Keeps lines from running through what is written.
-_CLEAR = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-
-
-@dataclass(frozen=True)
-class SweepJob:
-    """One training of a sweep: its parameters as text and its last metrics, by name.
-
-    A job may lack parameters that others have (the width of B's classes, say) and metrics that have
-    no value (pose errors, if it found nothing). `steps`: those that it took until its last
-    validation.
-    """
-
-    parameters: Mapping[str, str]
-    metrics: Mapping[str, float]
-    steps: int = 0
-
-
-def swept_parameters(jobs: Sequence[SweepJob]) -> list[str]:
-    """The names of the parameters that are not the same in all jobs.
-
-    Without what follows from the variant's name: the rest of its file.
-    """
-    names = sorted({name for job in jobs for name in job.parameters})
-    swept = [name for name in names if len({job.parameters.get(name) for job in jobs}) > 1]
-    return [n for n in swept if not (n.startswith("variant.") and _follows(jobs, n))]
-
-
-def _follows(jobs: Sequence[SweepJob], name: str) -> bool:
-    """Whether a parameter, not the variant's name itself, is the same in all jobs of a variant."""
-    pairs = {(job.parameters.get(VARIANT), job.parameters.get(name)) for job in jobs}
-    return name != VARIANT and len(pairs) == len({variant for variant, _ in pairs})
+from shaftpose.evaluation.sweep_heat_maps import heat_map_figure, is_full_grid
+from shaftpose.evaluation.sweep_jobs import SweepJob
+from shaftpose.evaluation.sweep_lines import line_figure
 
 
 def sweep_figure(jobs: Sequence[SweepJob], metrics: Sequence[str]) -> Figure:
-    """A line for each job, coloured by the first metric (0 without it), the worst drawn first.
-
-    Axes of parameters have their values at equal distances, those of metrics are to scale; what a
-    job lacks is `-`, on top.
-    """
-    parameters = swept_parameters(jobs)
-    figure = new_figure(2.6 * (len(parameters) + len(metrics)), 5.0)
-    axes = figure.subplots()
-    columns = [_levels(axes, n, [j.parameters.get(name, NO_VALUE) for j in jobs], name)
-               for n, name in enumerate(parameters)]  # fmt: skip
-    columns += [_scale(axes, n, [j.metrics.get(name) for j in jobs], name)
-                for n, name in enumerate(metrics, len(parameters))]  # fmt: skip
-    heights = np.stack(columns, axis=1)
-    goal = np.array([job.metrics.get(metrics[0], 0.0) for job in jobs])
-    colours = colormaps["viridis"](0.9 * Normalize()(goal))
-    for job in np.argsort(goal):
-        style = {"color": colours[job], "linewidth": 1.8, "marker": "o"}
-        axes.plot(range(heights.shape[1]), heights[job], **style)
-    axes.set_xlim(-0.3, heights.shape[1] - 0.4)
-    axes.set_ylim(-0.06, 1.14)
-    axes.set_axis_off()
-    return figure
-
-
-def _levels(axes: Axes, column: int, values: Sequence[str], name: str) -> np.ndarray:
-    """Heights (N,) of a parameter's values in the order of their size."""
-    known = sorted(set(values), key=_order)
-    heights = dict(zip(known, np.linspace(_LOWEST, _HIGHEST, len(known)), strict=True))
-    _draw_axis(axes, column, name, {float(height): value for value, height in heights.items()})
-    return np.array([heights[value] for value in values])
-
-
-def _order(value: str) -> tuple[bool, float, str]:
-    """Numbers by size, all else behind them by its letters, `-` last."""
-    try:
-        return False, float(value), ""
-    except ValueError:
-        return value == NO_VALUE, np.inf, value
-
-
-def _scale(axes: Axes, column: int, values: Sequence[float | None], name: str) -> np.ndarray:
-    """Heights (N,) of a metric's values between the least and the greatest."""
-    known = [value for value in values if value is not None]
-    complete = len(known) == len(values)
-    low, high = min(known, default=0.0), max(known, default=0.0)
-    unit = ((_HIGHEST if complete else _HIGHEST_KNOWN) - _LOWEST) / (high - low or 1.0)
-
-    def height(value: float | None) -> float:
-        return _HIGHEST if value is None else _LOWEST + unit * (value - low)
-
-    marked = (low, (low + high) / 2, high) if known else ()
-    marks = {height(value): f"{value:.3g}" for value in marked}
-    _draw_axis(axes, column, name, marks if complete else marks | {_HIGHEST: NO_VALUE})
-    return np.array([height(value) for value in values])
-
-
-def _draw_axis(axes: Axes, column: int, name: str, marks: Mapping[float, str]) -> None:
-    """marks: what is written at which height, of a long text its end."""
-    axes.plot([column, column], [0, 1], color=GRID, linewidth=1.2, zorder=0)
-    axes.text(column, 1.05, name, ha="center", color=INK, fontsize=10)
-    for height, text in marks.items():
-        end = text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}"
-        axes.text(column + 0.04, height, end, va="center", color=INK, fontsize=8.5, bbox=_CLEAR)
+    """Heat maps of a full grid of two settings, parallel coordinates of any other sweep."""
+    draw = heat_map_figure if is_full_grid(jobs) else line_figure
+    return draw(jobs, metrics)
