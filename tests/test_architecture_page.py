@@ -7,9 +7,11 @@ from functools import reduce
 from pathlib import Path
 
 import pytest
+import torch
 import yaml
 
 from shaftpose.errors import InputError
+from shaftpose.network.inception_v4 import InceptionV4Features
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -41,23 +43,47 @@ def test_a_page_without_markers_is_refused() -> None:
 
 def test_variants_with_one_network_share_a_row() -> None:
     groups = [names.split(", ") for names in architecture_tables.networks()]
-    variants = [path.stem for path in (ROOT / "conf/variant").glob("*.yaml")]
-    assert sorted(name for group in groups for name in group) == sorted(variants)
+    variants = {path.stem for path in (ROOT / "conf/variant").glob("*.yaml")}
+    # A detector learns no poses, so it is none of the paper's networks.
+    assert sorted(name for group in groups for name in group) == sorted(variants - {"detector"})
     (group,) = [group for group in groups if "d" in group]
     assert {"d_noise", "d_noise_real"} <= set(group)
     assert not {"b", "c"} & set(group)
 
 
 def test_counts_by_hand() -> None:
-    """C's head at width 1: 3 x 3 convolutions with bias, 11 values for each box."""
+    """C's head at width and depth 1: 3 x 3 convolutions with bias, 11 values for each box."""
     channels, boxes = (384, 1024, 1536, 512, 256, 256), (4, 6, 6, 6, 4, 4)
     sizes = (35, 17, 9, 5, 3, 2)
-    c = architecture_tables.build(yaml.safe_load((ROOT / "conf/variant/c.yaml").read_text()), 1.0)
+    file = yaml.safe_load((ROOT / "conf/variant/c.yaml").read_text())
+    c = architecture_tables.build(file, width=1.0, depth=1.0)
     weights = [9 * n * 11 * k for n, k in zip(channels, boxes, strict=True)]
     assert architecture_tables.parameters(c.head) == sum(weights) + 11 * sum(boxes)
     head = sum(2 * w * size**2 for w, size in zip(weights, sizes, strict=True)) / 1e9
     flops = architecture_tables.flops
     assert flops(c) - flops(c.backbone) == pytest.approx(head)
+
+
+def test_stages_name_the_blocks_of_each_depth() -> None:
+    """The published 4, 7 and 3 blocks, and a quarter of each."""
+    with torch.device("meta"):
+        full, shallow = InceptionV4Features(), InceptionV4Features(depth=0.25)
+    assert architecture_tables.stages(full, shallow)[:3] == [
+        "stem, 4 / 1 Inception-A",
+        "Reduction-A, 7 / 2 Inception-B",
+        "Reduction-B, padded, 3 / 1 Inception-C",
+    ]
+
+
+def test_profiles_of_one_size_stand_together() -> None:
+    sizes = architecture_tables.sizes()
+    assert len(set(sizes.values())) == len(sizes)
+    profiles = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
+    found = {name: size for names, size in sizes.items() for name in names.split(", ")}
+    assert found == {
+        name: (profiles[name]["width"], profiles[name]["depth"])
+        for name in ("paper", "bench", "demo")
+    }
 
 
 def test_the_picture_is_small() -> None:

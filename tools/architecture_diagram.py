@@ -1,6 +1,6 @@
 """Draw docs/images/architecture.png: the backbone and the heads, as the paper's Figure 4 has them.
 
-Sizes and channels are read from the networks of conf/variant at width 1.0.
+Sizes and channels are read from the networks of conf/variant at width and depth 1.0.
 """
 
 from dataclasses import dataclass
@@ -91,7 +91,7 @@ class Sketch:
 def main() -> None:
     """Draw all parts and save the picture."""
     files = {names.split(", ")[0]: file for names, file in networks().items()}
-    b, c, d = (build(files[name], 1.0) for name in ("b", "c", "d"))
+    b, c, d = (build(files[name], width=1.0, depth=1.0) for name in ("b", "c", "d"))
     sketch = Sketch()
     draw_backbone(sketch, d)
     draw_classes(sketch, b, 1.5)
@@ -103,7 +103,8 @@ def main() -> None:
 
 def draw_backbone(sketch: Sketch, network: ShaftNetwork) -> None:
     """The stages from left to right, each with the map it makes below it."""
-    title(sketch, 1.5, 66.2, "(a)  Backbone: Inception-v4 and three more stages, width 1.0")
+    heading = "(a)  Backbone: Inception-v4 and three more stages, width 1.0, depth 1.0"
+    title(sketch, 1.5, 66.2, heading)
     before = sketch.block(6, 60, "image\n299 x 299 x 3", MAP, width=9)
     made = zip(stages(network.backbone), MAP_SIZES, network.backbone.channels, BOXES_PER_CELL,
                strict=True)  # fmt: skip

@@ -1,7 +1,8 @@
 """Write the tables of docs/architecture.md: maps, default boxes, sizes, and what classes cost.
 
-The networks are those that training builds: of the files of conf/variant, at the widths of
-conf/profiles.yaml. They are built without memory for their weights (torch's device `meta`).
+The networks are those that training builds: of the files of conf/variant that learn poses, at the
+widths and depths of conf/profiles.yaml. They are built without memory for their weights (torch's
+device `meta`).
 """
 
 import re
@@ -59,54 +60,61 @@ def with_tables(page: str) -> str:
 def map_table() -> str:
     """The six maps: how they are made, their sizes, channels and default boxes."""
     with torch.device("meta"):
-        backbones = [InceptionV4Features(width) for width in widths().values()]
+        backbones = [InceptionV4Features(*size) for size in sizes().values()]
     rows = [
         [str(i + 1), stage, f"{size} x {size}", *map(str, channels), str(boxes),
          f"{size * size * boxes:,}"]
         for i, (stage, size, *channels, boxes) in enumerate(
             zip(
-                stages(backbones[0]), MAP_SIZES, *(b.channels for b in backbones), BOXES_PER_CELL,
+                stages(*backbones), MAP_SIZES, *(b.channels for b in backbones), BOXES_PER_CELL,
                 strict=True,
             )
         )
     ]  # fmt: skip
     total = sum(size**2 * boxes for size, boxes in zip(MAP_SIZES, BOXES_PER_CELL, strict=True))
-    headings = [f"Channels at width {width:g} ({name})" for name, width in widths().items()]
+    depths = " / ".join(f"{depth:g}" for _, depth in sizes().values())
+    headings = [f"Channels at width {width:g} ({names})" for names, (width, _) in sizes().items()]
     return pipe_table(
-        ["Map", "Made by", "Size", *headings, "Boxes per cell", "Default boxes"],
+        ["Map", f"Made by, at depth {depths}", "Size", *headings, "Boxes per cell",
+         "Default boxes"],
         [*rows, ["", "all", "", *[""] * len(headings), "", f"{total:,}"]],
-    )
+    )  # fmt: skip
 
 
-def stages(backbone: InceptionV4Features) -> list[str]:
-    """What leads to each map from the one before."""
-    blocks = [len(list(stage.get_submodule("1").children())) for stage in backbone.trunk]
+def stages(*backbones: InceptionV4Features) -> list[str]:
+    """The layers between each map and the one before, with the blocks of each backbone."""
     entries = ("stem", "Reduction-A", "Reduction-B, padded")
+    blocks = zip(*(block_counts(backbone) for backbone in backbones), strict=True)
     trunk = [
-        f"{entry}, {count} Inception-{letter}"
-        for entry, count, letter in zip(entries, blocks, "ABC", strict=True)
+        f"{entry}, {' / '.join(counts)} Inception-{letter}"
+        for entry, counts, letter in zip(entries, blocks, "ABC", strict=True)
     ]
-    return [*trunk, *["1 x 1, then 3 x 3 of stride 2"] * len(backbone.extra)]
+    return [*trunk, *["1 x 1, then 3 x 3 of stride 2"] * len(backbones[0].extra)]
+
+
+def block_counts(backbone: InceptionV4Features) -> list[str]:
+    """The number of Inception blocks in each stage of the trunk."""
+    return [str(len(list(stage.get_submodule("1").children()))) for stage in backbone.trunk]
 
 
 def network_table() -> str:
-    """Parameters and FLOPs of each network at each width."""
+    """Parameters and FLOPs of each network at each size."""
     rows = []
     for names, file in networks().items():
-        for profile, width in widths().items():
-            network = build(file, width)
+        for profiles, size in sizes().items():
+            network = build(file, *size)
             values = network.pose_coder.values
             backbone, head = parameters(network.backbone), parameters(network.head)
             rows.append(
                 [
                     names, str(values), str(CLASSES + BOX_OFFSETS + values),
-                    f"{width:g} ({profile})",
+                    profiles, *(f"{share:g}" for share in size),
                     f"{backbone:,}", f"{head:,}", f"{backbone + head:,}", f"{flops(network):.2f}",
                 ]
             )  # fmt: skip
     return pipe_table(
-        ["Variant", "Pose values", "Values per box", "Width", "Backbone", "Head",
-         "Parameters", "GFLOPs"],
+        ["Variant", "Pose values", "Values per box", "Profile", "Width", "Depth", "Backbone",
+         "Head", "Parameters", "GFLOPs"],
         rows,
     )  # fmt: skip
 
@@ -134,29 +142,34 @@ def rounding_errors(coder: BinCoder) -> dict[str, float | None]:
     return errors_between(decoded.double().numpy(), true).means()
 
 
-def widths() -> dict[str, float]:
-    """Profiles -> their width; those of one width together."""
+def sizes() -> dict[str, tuple[float, float]]:
+    """Profiles -> width and depth of their networks; those of one size together."""
     profiles = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
-    by_width: dict[float, list[str]] = {}
+    by_size: dict[tuple[float, float], list[str]] = {}
     for name in PROFILES:
-        by_width.setdefault(profiles[name]["width"], []).append(name)
-    return {", ".join(names): width for width, names in by_width.items()}
+        size = profiles[name]["width"], profiles[name]["depth"]
+        by_size.setdefault(size, []).append(name)
+    return {", ".join(names): size for size, names in by_size.items()}
 
 
 def networks() -> dict[str, dict[str, Any]]:
-    """The names of the variants that have the same network -> the file of one of them."""
+    """The names of the variants that have the same network -> the file of one of them.
+
+    Without those that learn no poses.
+    """
     same: dict[str, list[dict[str, Any]]] = {}
     for path in sorted((ROOT / "conf/variant").glob("*.yaml")):
         file = yaml.safe_load(path.read_text())
-        same.setdefault(f"{file['head']} {file['pose_coder']}", []).append(file)
+        if file["pose_loss"]:
+            same.setdefault(f"{file['head']} {file['pose_coder']}", []).append(file)
     return {", ".join(file["name"] for file in files): files[0] for files in same.values()}
 
 
-def build(file: dict[str, Any], width: float) -> ShaftNetwork:
+def build(file: dict[str, Any], width: float, depth: float) -> ShaftNetwork:
     """The network of a variant, without memory for its weights."""
     with torch.device("meta"):
         head = instantiate(file["head"])
-        return ShaftNetwork(InceptionV4Features(width), head, pose_coder(file)).eval()
+        return ShaftNetwork(InceptionV4Features(width, depth), head, pose_coder(file)).eval()
 
 
 def pose_coder(file: dict[str, Any]) -> PoseCoder:
