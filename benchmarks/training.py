@@ -1,11 +1,11 @@
 """How fast networks train: `make bench-train`, after `dvc repro split real_images`.
 
-For width 1.0 and the width of the profile `bench`: images per second of (a) the network's step
+For the networks of the profiles `paper` and `bench`: images per second of (a) the network's step
 alone, forward, loss, backward and optimiser on one batch again and again, and (b) whole training
 steps by the pipeline's trainer, which reads, decodes and augments the images. The two are timed in
 turns, so that whatever else the machine does hits both. Prints them and writes
 `benchmarks/results/train.json`; on a GPU, at the paper's batch of 32 and at the fastest batch, and
-into `train-gpu.json` beside it.
+into `train-gpu.json` in the same folder.
 """
 
 import argparse
@@ -80,7 +80,7 @@ class Clock(Callback):
 
 
 def main() -> None:
-    """Time both widths at each batch size that the device is tried with."""
+    """Time both profiles at each batch size that the device is tried with."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     device = "cuda" if torch.cuda.is_available() else "cpu"
     parser.add_argument("--steps", type=int, default=STEPS[device], help="of each timed block")
@@ -88,7 +88,10 @@ def main() -> None:
     arguments = parser.parse_args()
     os.chdir(ROOT)
     try:
-        widths = dict(timed_profile(p, device, arguments.steps, arguments.rounds) for p in PROFILES)
+        profiles = {
+            name: timed_profile(name, device, arguments.steps, arguments.rounds)
+            for name in PROFILES
+        }
     except InputError as error:
         sys.exit(f"error: {error}")
     about = {**machine(), "threads": torch.get_num_threads()}
@@ -97,13 +100,13 @@ def main() -> None:
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
     RESULTS.mkdir(parents=True, exist_ok=True)
-    result |= {"aims": verdicts(widths, LOOP_AIM[device]), "width": widths}
+    result |= {"aims": verdicts(profiles, LOOP_AIM[device]), "profiles": profiles}
     OUT[device].write_text(json.dumps(result, indent=1) + "\n")
     print(f"written to {OUT[device].relative_to(ROOT)}")
 
 
-def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[str, dict[str, Any]]:
-    """The profile's width and its precision and speeds: those at the first batch size, and each
+def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[str, Any]:
+    """The profile's width, depth, precision and speeds: those at the first batch size, and each
     that was tried.
 
     The fastest batch size is the one with the most `loop_images_per_s`.
@@ -123,29 +126,30 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> tuple[s
             torch.cuda.empty_cache()
             break
         shown = "  ".join(f"{key} {value:g}" for key, value in speeds[-1].items())
-        print(f"width {sizes.width:g}  {shown}", flush=True)
+        print(f"{profile}: width {own.width:g}, depth {own.depth:g}  {shown}", flush=True)
     if not speeds:
         raise InputError(
             f"profile {profile}: no batch of {BATCHES[device][0]} images: the {device} has too "
             f"little memory for one, or data/split lists too few ({images})"
         )
     best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
-    result = {"precision": own.precision, **speeds[0]}
-    return f"{own.width:g}", result | {"best_batch_size": best["batch_size"], "batches": speeds}
+    result = {"width": own.width, "depth": own.depth, "precision": own.precision, **speeds[0]}
+    return result | {"best_batch_size": best["batch_size"], "batches": speeds}
 
 
-def verdicts(widths: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[str, Any]]:
-    """What is wanted of each width, what was measured, and whether that is enough."""
+def verdicts(profiles: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[str, Any]]:
+    """What is wanted of each profile, what was measured, and whether that is enough."""
     wanted = [
-        (width, aim, speeds[key])
-        for width, speeds in widths.items()
+        (profile, aim, speeds[key])
+        for profile, speeds in profiles.items()
         for aim, key in ((loop, "loop_over_step"), (MATCHING_AIM, "matching_and_mining_share"))
-        if aim is loop or width == "1"  # in narrow networks, all but convolutions weighs more
+        # In smaller networks, all work other than convolutions weighs more.
+        if aim is loop or profile == "paper"
     ]
     return [
-        {"width": width, "what": aim.title, "wanted": str(aim), "measured": value,
+        {"profile": profile, "what": aim.title, "wanted": str(aim), "measured": value,
          "verdict": aim.verdict(value)}
-        for width, aim, value in wanted
+        for profile, aim, value in wanted
     ]  # fmt: skip
 
 
@@ -164,7 +168,7 @@ def composed(profile: str) -> Config:
 
 
 def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dict[str, float]:
-    """Speeds at one width and batch size: medians over blocks of each kind, in turns.
+    """Speeds of one network at one batch size: medians over blocks of each kind, in turns.
 
     `loop_over_step` is the median of the rounds' own ratios: what else the machine does comes and
     goes between rounds, but is much the same within one.

@@ -18,20 +18,20 @@ from shaftpose.instruments import Annotations  # noqa: E402
 from tests.pipeline.small_data import write_training_data  # noqa: E402
 
 
-def test_widths_are_those_of_the_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_network_is_timed_and_a_smaller_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    widths = [composed(profile)["size"]["width"] for profile in training.PROFILES]
-    assert widths[0] == 1.0
-    assert 0 < widths[1] < 1
+    paper, bench = (composed(profile)["size"] for profile in training.PROFILES)
+    assert (paper["width"], paper["depth"]) == (1.0, 1.0)
+    assert 0 < bench["width"] < 1 and 0 < bench["depth"] < 1
 
 
 def test_what_is_wanted_is_held_against_what_was_measured() -> None:
-    speeds = {"1": {"loop_over_step": 0.85, "matching_and_mining_share": 0.02}}
+    speeds = {"paper": {"loop_over_step": 0.85, "matching_and_mining_share": 0.02}}
     loop, matching = training.verdicts(speeds, training.LOOP_AIM["cpu"])
     assert (loop["wanted"], loop["measured"], loop["verdict"]) == (">= 0.9", 0.85, "missed")
     assert (matching["wanted"], matching["verdict"]) == ("< 0.05", "met")
-    (narrow,) = training.verdicts({"0.25": speeds["1"]}, training.LOOP_AIM["cuda"])
-    assert (narrow["width"], narrow["verdict"]) == ("0.25", "met")
+    (small,) = training.verdicts({"bench": speeds["paper"]}, training.LOOP_AIM["cuda"])
+    assert (small["profile"], small["verdict"]) == ("bench", "met")
 
 
 def test_both_speeds_of_each_batch_are_measured(
@@ -40,8 +40,8 @@ def test_both_speeds_of_each_batch_are_measured(
     write_training_data(tmp_path)  # 8 images to train on
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "BATCHES", {"cpu": (2, 4, 16)})
-    width, speeds = training.timed_profile("smoke", "cpu", steps=2, rounds=1)
-    assert (width, speeds["batch_size"]) == ("0.1875", 2)
+    speeds = training.timed_profile("smoke", "cpu", steps=2, rounds=1)
+    assert (speeds["width"], speeds["depth"], speeds["batch_size"]) == (0.1875, 0.25, 2)
     assert [tried["batch_size"] for tried in speeds["batches"]] == [2, 4]
     for tried in speeds["batches"]:
         ratio = tried["loop_images_per_s"] / tried["step_images_per_s"]
