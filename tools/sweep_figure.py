@@ -24,7 +24,7 @@ METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # What each line of the table says of a training, too, be it swept or not.
 SCALE = (
     "loss.alpha", "loss.gamma", "loss.beta", "variant.name", "seed", "training_images",
-    "size.batch_size", "size.width", "size.learning_rate",
+    "size.batch_size", "size.width", "size.depth", "size.learning_rate",
 )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ import results_page  # noqa: E402
 
 def row(seed: int, variant: str = "d", steps: int = 3000, **metrics: float | None) -> VariantRow:
     title = variant.upper()
-    return VariantRow(variant, metrics, 900, 100, steps, 16, 0.25, (seed,), 1_000, 0, title)
+    return VariantRow(variant, metrics, 900, 100, steps, 16, 0.25, 0.5, (seed,), 1_000, 0, title)
 
 
 def test_mean_and_half_range_by_hand():
@@ -53,8 +53,8 @@ def record(
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
         "size": {
-            "steps": 3000, "batch_size": 16, "width": 0.25, "precision": "32-true",
-            "learning_rate": 2e-3,
+            "steps": 3000, "batch_size": 16, "width": 0.25, "depth": 0.5,
+            "precision": "32-true", "learning_rate": 2e-3,
         },
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
@@ -183,8 +183,8 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
     assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.800 ± 0.100 |" in text
     assert (
         "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, "
-        "precision 32-true, learning rate 0.002, batch normalisation frozen in the last 30%; loss "
-        "weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
+        "depth 0.5, precision 32-true, learning rate 0.002, batch normalisation frozen in the last "
+        "30%; loss weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
     )
     assert "±" not in page()
 

@@ -20,7 +20,9 @@ RULE = "The lowest mean tip error on the validation images."
 
 def row(variant: str, title: str = "") -> VariantRow:
     mixed_in = 100 if variant == "d_noise_real" else 0
-    return VariantRow(variant, METRICS, 900, 100, 3000, 16, 0.25, (0,), 1_234_567, mixed_in, title)
+    return VariantRow(
+        variant, METRICS, 900, 100, 3000, 16, 0.25, 0.5, (0,), 1_234_567, mixed_in, title
+    )
 
 
 def score(rate: float, iou: float | None) -> dict[str, float | int | None]:
@@ -90,10 +92,17 @@ def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationR
 def test_the_scale_stands_under_the_tables(report: AblationReport):
     for text in (to_markdown(report), to_html(report)):
         assert "900 training images (at most 1 % of the paper" in text
-        assert "100 test images, 3,000 steps, batch 16, backbone width 0.25" in text
+        assert "100 test images, 3,000 steps, batch 16, backbone width 0.25, depth 0.5" in text
         assert "20 images with 31 instruments" in text
         assert RULE in text
     assert markdown_line(to_markdown(report), "| Variant | Tr")[1] == "Training images"
+
+
+def test_the_networks_of_variants_are_told_by_width_and_depth(report: AblationReport):
+    lines = [line.split(" | ") for line in to_markdown(report).splitlines()]
+    headings, _, _, d, *_ = lines[next(n for n, line in enumerate(lines) if "Width" in line) :]
+    setup = dict(zip(headings, d, strict=True))
+    assert (setup["| Variant"], setup["Width"], setup["Depth"]) == ("| D", "0.25", "0.5")
 
 
 def test_mixed_in_images_are_counted(report: AblationReport):

@@ -40,7 +40,7 @@ def test_finished_trainings_are_drawn_and_others_counted(
         ("b", {"variant.steps": "[1, 5]"}, FOUND),
         ("d", {}, NOTHING_RIGHT),
     ):
-        scale = {"loss.alpha": "1.5", "size.width": "0.25"}
+        scale = {"loss.alpha": "1.5", "size.width": "0.25", "size.depth": "0.5"}
         train(sweep, {"variant.name": name, **scale, **more}, metrics)
     with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
         mlflow.log_metrics(FOUND, step=2)
@@ -52,12 +52,12 @@ def test_finished_trainings_are_drawn_and_others_counted(
     # What was swept comes first; both were validated after their 6th step.
     assert headings == [
         "variant.name", "loss.alpha", "loss.gamma", "loss.beta", "seed", "training_images",
-        "size.batch_size", "size.width", "size.learning_rate", "steps",
+        "size.batch_size", "size.width", "size.depth", "size.learning_rate", "steps",
         "validation/mAP", "validation/tip_mm", "validation/axis_deg",
     ]  # fmt: skip
     assert jobs == [
-        ["b", "1.5", "", "", "", "", "", "0.25", "", "6", "0.5", "4.25", "9"],
-        ["d", "1.5", "", "", "", "", "", "0.25", "", "6", "0", "", ""],
+        ["b", "1.5", "", "", "", "", "", "0.25", "0.5", "", "6", "0.5", "4.25", "9"],
+        ["d", "1.5", "", "", "", "", "", "0.25", "0.5", "", "6", "0", "", ""],
     ]
     assert Path("docs/images/sweep-heads.png").read_bytes().startswith(b"\x89PNG")
 

@@ -20,10 +20,10 @@ class VariantRow:
     """One variant, trained once or, with other seeds, several times.
 
     `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
-    each, empty if it was trained once. `width` is the backbone's
-    channel multiplier; `parameters` counts the network's weights. `mixed_in_images` are real, or
-    stand-in, images that it was trained on besides `training_images`. `title` is needed only by
-    variants that the paper does not have.
+    each, empty if it was trained once. `width` and `depth` multiply the backbone's channels and
+    blocks; `parameters` counts the network's weights. `mixed_in_images` are real, or stand-in,
+    images that it was trained on besides `training_images`. `title` is needed only by variants that
+    the paper does not have.
     """
 
     variant: str
@@ -33,6 +33,7 @@ class VariantRow:
     steps: int
     batch_size: int
     width: float
+    depth: float
     seeds: tuple[int, ...]
     parameters: int
     mixed_in_images: int = 0
@@ -87,6 +88,7 @@ def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
         steps=training["steps"],
         batch_size=training["batch_size"],
         width=training["width"],
+        depth=training["depth"],
         seeds=(training["seed"],),
         parameters=training["parameters"],
         mixed_in_images=training["real"]["images"] if training["real"] else 0,

@@ -39,10 +39,9 @@ class Scale(NamedTuple):
         return (
             f"{self.training_images:,} training images, {self.test_images:,} test images; "
             f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
-            f"{size['width']:g}, precision {size['precision']}, learning rate "
-            f"{size['learning_rate']:g}, batch normalisation frozen in the last "
-            f"{frozen:.0%}; loss weights alpha {loss['alpha']:g}, gamma "
-            f"{loss['gamma']:g}, "
+            f"{size['width']:g}, depth {size['depth']:g}, precision {size['precision']}, "
+            f"learning rate {size['learning_rate']:g}, batch normalisation frozen in the last "
+            f"{frozen:.0%}; loss weights alpha {loss['alpha']:g}, gamma {loss['gamma']:g}, "
             f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."
         )
 
@@ -50,7 +49,8 @@ class Scale(NamedTuple):
         """The scale as a part of a file's name; the last part stands for all that it is made of."""
         size, steps = self.recipe["size"], f"{self.steps}x{self.recipe['size']['batch_size']}"
         digest = hashlib.sha256(json.dumps(self).encode()).hexdigest()[:8]
-        return f"{self.training_images}_images_{steps}_width_{size['width']:g}_{digest}"
+        shape = f"width_{size['width']:g}_depth_{size['depth']:g}"
+        return f"{self.training_images}_images_{steps}_{shape}_{digest}"
 
 
 def distinctions(scales: Sequence[Scale]) -> list[str]:

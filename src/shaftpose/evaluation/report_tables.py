@@ -56,6 +56,7 @@ SETUP_COLUMNS = (
     "Steps",
     "Batch",
     "Width",
+    "Depth",
     "Seeds",
     "Parameters",
     "Confidence",
@@ -145,6 +146,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
             str(row.batch_size),
             f"{row.width:g}",
+            f"{row.depth:g}",
             ", ".join(str(seed) for seed in row.seeds),
             show(row.parameters, 0),
             show(row.metrics.get("confidence"), 2),
@@ -167,7 +169,7 @@ def table_i_scale(report: AblationReport) -> list[str]:
         f"Ours: {_span(r.training_images for r in rows)} training images (at most "
         f"{100 * share:.3g} % of the paper's), {_span(r.test_images for r in rows)} test images, "
         f"{_span(r.steps for r in rows)} steps, batch {_span(r.batch_size for r in rows)}, "
-        f"backbone width {_span(r.width for r in rows)}.",
+        f"backbone width {_span(r.width for r in rows)}, depth {_span(r.depth for r in rows)}.",
         "Errors are means over the instruments that were found; those of the constant predictor, "
         "which gives every image the training set's mean box and pose, over all instruments.",
     ]
