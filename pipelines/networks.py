@@ -37,7 +37,7 @@ def initial_network(config: Config) -> ShaftNetwork:
 
 
 def build_network(config: Config) -> ShaftNetwork:
-    """The untrained network of the chosen variant and width."""
+    """The untrained network of the chosen variant, width and depth."""
     ranges = parse(PoseRanges, config["poses"], "params.yaml: poses")
     return ShaftNetwork(
         backbone=instantiate(config["backbone"]),
