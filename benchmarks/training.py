@@ -217,9 +217,10 @@ def first_batch(config: Config, sizes: Size, device: torch.device) -> Batch:
 
 
 def network_step(module: ShaftModule, batch: Batch, sizes: Size) -> Callable[[], None]:
-    """Forward, loss, backward and optimiser on the one batch."""
+    """Forward, loss, backward and the loop's own optimiser on the one batch."""
     network, loss = module.network, module.loss
-    optimizer = torch.optim.Adam(network.parameters(), lr=sizes.learning_rate, fused=True)
+    configured: Any = module.configure_optimizers()
+    optimizer = configured["optimizer"]
     mixed = torch.autocast(
         batch.images.device.type, torch.bfloat16, enabled=sizes.precision == "bf16-mixed"
     )

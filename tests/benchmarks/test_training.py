@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from lightning import Trainer
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -54,6 +55,7 @@ def test_the_step_alone_trains(monkeypatch: pytest.MonkeyPatch) -> None:
     config = composed("smoke")
     sizes = training.size(config)
     module = training.build_module(config, sizes).train()
+    module.trainer = Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)
     rgb = np.random.default_rng(0).integers(0, 256, (299, 299, 3), dtype=np.uint8)
     known = Annotations(np.array([[50.0, 50, 200, 200]]), np.array([[0.0, 0, 20, 70, 100]]))
     batch = pad_batch([(rgb, known)] * 2)
