@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-render bench-train ui figures architecture results clean
+.PHONY: help env repro report test lint format bench bench-render bench-train ui figures architecture learning results clean
 
 help:  ## this list
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -86,6 +86,9 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 architecture: $(READY)  ## draw the picture and write the tables of docs/architecture.md
 	python tools/architecture_tables.py
 	python tools/architecture_diagram.py
+
+learning: $(READY)  ## write the tables of docs/learning.md from reports/learning
+	python tools/learning_tables.py
 
 results: $(READY)  ## write docs/results.md from the recorded reports and benchmarks
 	python tools/results_page.py

@@ -33,12 +33,12 @@ def test_names_of_the_page_are_known() -> None:
 
 
 def test_tables_are_those_of_the_code() -> None:
-    assert architecture_tables.with_tables(PAGE) == PAGE, "run `make architecture`"
+    assert architecture_tables.page(PAGE) == PAGE, "run `make architecture`"
 
 
 def test_a_page_without_markers_is_refused() -> None:
     with pytest.raises(InputError, match="lacks the markers '<!-- maps: make architecture -->'"):
-        architecture_tables.with_tables("# Architecture\n")
+        architecture_tables.page("# Architecture\n")
 
 
 def test_variants_with_one_network_share_a_row() -> None:

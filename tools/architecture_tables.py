@@ -5,7 +5,6 @@ widths and depths of conf/profiles.yaml. They are built without memory for their
 device `meta`).
 """
 
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 import torch
 import yaml
 from hydra.utils import instantiate
+from page_tables import with_tables
 from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
@@ -41,20 +41,15 @@ ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm
 def main() -> None:
     """Put the tables into the page, between its markers."""
     try:
-        PAGE.write_text(with_tables(PAGE.read_text()))
+        PAGE.write_text(page(PAGE.read_text()))
     except InputError as error:
         sys.exit(f"error: {error}")
 
 
-def with_tables(page: str) -> str:
-    """The page with what stands between its markers made anew."""
-    tables = {"maps": map_table, "networks": network_table, "rounding": rounding_table}
-    for name, table in tables.items():
-        start, end = f"<!-- {name}: make architecture -->\n", f"<!-- end of {name} -->"
-        if not 0 <= page.find(start) < page.find(end):
-            raise InputError(f"{PAGE}: lacks the markers {start.strip()!r} and {end!r}; add them")
-        page = re.sub(f"{start}.*?{end}", f"{start}\n{table()}\n\n{end}", page, flags=re.DOTALL)
-    return page
+def page(text: str) -> str:
+    """The page with its tables up to date."""
+    tables = {"maps": map_table(), "networks": network_table(), "rounding": rounding_table()}
+    return with_tables(text, tables, "make architecture", "docs/architecture.md")
 
 
 def map_table() -> str:

@@ -1,0 +1,23 @@
+"""Tables of a documentation page, each between a pair of markers."""
+
+import re
+from collections.abc import Mapping
+
+from shaftpose.errors import InputError
+
+
+def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -> str:
+    """The page with new tables between its markers, by the names of these.
+
+    command: what writes the tables, as the markers have it; name: the page's, for messages. Raises
+    InputError if the page lacks a marker.
+    """
+    for table, text in tables.items():
+        start, end = f"<!-- {table}: {command} -->\n", f"<!-- end of {table} -->"
+        if not 0 <= page.find(start) < page.find(end):
+            raise InputError(f"{name}: lacks the markers {start.strip()!r} and {end!r}; add them")
+        between = f"{re.escape(start)}.*?{re.escape(end)}"
+        page = re.sub(
+            between, lambda _, new=f"{start}\n{text}\n\n{end}": new, page, flags=re.DOTALL
+        )
+    return page
