@@ -1,6 +1,5 @@
 """Tables of a documentation page, each between a pair of markers."""
 
-import re
 from collections.abc import Mapping
 
 from shaftpose.errors import InputError
@@ -16,8 +15,6 @@ def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -
         start, end = f"<!-- {table}: {command} -->\n", f"<!-- end of {table} -->"
         if not 0 <= page.find(start) < page.find(end):
             raise InputError(f"{name}: lacks the markers {start.strip()!r} and {end!r}; add them")
-        between = f"{re.escape(start)}.*?{re.escape(end)}"
-        page = re.sub(
-            between, lambda _, new=f"{start}\n{text}\n\n{end}": new, page, flags=re.DOTALL
-        )
+        before, _, rest = page.partition(start)
+        page = f"{before}{start}\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page
