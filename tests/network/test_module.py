@@ -19,7 +19,7 @@ from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.module import ShaftModule
 from shaftpose.network.shaft_network import ShaftNetwork
 
-IDENTITY: dict[str, str | float] = {"variant": "D", "width": 0.1875}
+IDENTITY: dict[str, str | float] = {"variant": "D", "width": 0.1875, "depth": 0.25}
 
 
 @pytest.fixture
@@ -250,7 +250,7 @@ def test_an_unfinished_training_tells_where_it_goes_on(
     path = unfinished(tmp_path / "last.ckpt", module, trainer)
     assert resumed_step(path, IDENTITY) == 2
     with pytest.raises(InputError, match=r"last.ckpt.*'D', 'width': 0.1875.*'D', 'width': 1.0"):
-        resumed_step(path, {"variant": "D", "width": 1.0})
+        resumed_step(path, {**IDENTITY, "width": 1.0})
 
 
 def test_weights_alone_are_no_unfinished_training(
@@ -283,10 +283,20 @@ def saved(path: Path, network: ShaftNetwork) -> Path:
     return path
 
 
+def test_a_checkpoint_without_a_depth_is_refused(
+    tiny_network: ShaftNetwork, tmp_path: Path
+) -> None:
+    """Those of older versions: their boxes lay elsewhere."""
+    identity = {key: value for key, value in IDENTITY.items() if key != "depth"}
+    torch.save({"identity": identity, "state_dict": {}}, tmp_path / "old.ckpt")
+    with pytest.raises(InputError, match="old.ckpt: names no depth.*train the network again"):
+        load_network_weights(tmp_path / "old.ckpt", tiny_network, IDENTITY)
+
+
 def test_other_identity_is_refused(tiny_network: ShaftNetwork, tmp_path: Path) -> None:
     path = saved(tmp_path / "d.ckpt", tiny_network)
     with pytest.raises(InputError, match=r"'D'.*'C'"):
-        load_network_weights(path, tiny_network, {"variant": "C", "width": 0.1875})
+        load_network_weights(path, tiny_network, {**IDENTITY, "variant": "C"})
 
 
 def test_missing_checkpoint_is_named(tiny_network: ShaftNetwork, tmp_path: Path) -> None:

@@ -83,6 +83,11 @@ def _read_checkpoint_of(
 ) -> dict[str, Any]:
     """A checkpoint of the network of this identity that has these parts."""
     checkpoint = _read_checkpoint(path, parts)
+    if "depth" not in checkpoint["identity"]:
+        raise InputError(
+            f"{path}: names no depth: it is of an earlier version, whose default boxes lay "
+            f"elsewhere; {_AGAIN}"
+        )
     if checkpoint["identity"] != identity:
         raise InputError(
             f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "
