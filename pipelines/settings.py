@@ -11,6 +11,7 @@ from shaftpose.config import (
     ClusterSettings,
     DetectionSettings,
     LossSettings,
+    PoseRanges,
     RealSettings,
     RenderSettings,
     ReportSettings,
@@ -35,7 +36,7 @@ def check(config: Config) -> None:
 
     Raises InputError naming the first wrong key.
     """
-    size(config)
+    check_network_size(config)
     cluster_settings(config)
     render_settings(config)
     stand_in = parse(RealSettings, config["real"], "params.yaml: real").stand_in
@@ -52,8 +53,33 @@ def check(config: Config) -> None:
     }
     for name, kind in parts.items():
         parse(kind, config[name], f"params.yaml: {name}")
+    check_symmetries(config)
     run = {"seed": config["seed"], "variants": config["variants"]}
     check_variants(parse(RunSettings, run, "params.yaml").variants)
+
+
+def check_network_size(config: Config) -> None:
+    """Raise InputError naming the profile if no network has its width and depth."""
+    sizes = size(config)
+    try:
+        check_width(sizes.width)
+        block_counts(sizes.depth)
+    except InputError as error:
+        raise InputError(f"conf/profiles.yaml: {config['profile']}: {error}") from error
+
+
+def check_symmetries(config: Config) -> None:
+    """Raise InputError if mirrored and turned images would show poses beyond `poses`."""
+    ranges = parse(PoseRanges, config["poses"], "params.yaml: poses")
+    (low, high), (first, last) = ranges.x_mm, ranges.yaw_deg
+    symmetric = ranges.x_mm == ranges.y_mm and low == -high and last - first > 350
+    if config["training"]["augmentation"]["symmetries"] and not symmetric:
+        raise InputError(
+            "params.yaml: training.augmentation.symmetries = True: mirrored and turned shafts "
+            f"leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
+            f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn, or set "
+            "it to false"
+        )
 
 
 def check_variants(names: Sequence[str]) -> None:
@@ -110,15 +136,8 @@ def parse_variant(values: Mapping[str, Any], file: str) -> Variant:
 
 
 def size(config: Config) -> Size:
-    """The sizes of the chosen profile. Raises InputError if no network has them."""
-    where = f"conf/profiles.yaml: {config['profile']}"
-    sizes = parse(Size, config["size"], where)
-    try:
-        check_width(sizes.width)
-        block_counts(sizes.depth)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    return sizes
+    """The sizes of the chosen profile."""
+    return parse(Size, config["size"], f"conf/profiles.yaml: {config['profile']}")
 
 
 def cluster_settings(config: Config) -> ClusterSettings:

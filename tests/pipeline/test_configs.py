@@ -72,6 +72,25 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
     assert str(caught.value).startswith(says)
 
 
+@pytest.mark.parametrize(
+    ("ranges", "allowed"),
+    [
+        ("poses.z_mm=[5,20]", True),
+        ("poses.x_mm=[-10,20]", False),
+        ("poses.y_mm=[-10,10]", False),
+        ("poses.yaw_deg=[0,180]", False),
+    ],
+)
+def test_symmetries_need_symmetric_ranges(ranges: str, allowed: bool) -> None:
+    mirrored = "training.augmentation.symmetries=true"
+    settings.check(composed("profile=smoke", ranges))
+    if allowed:
+        settings.check(composed("profile=smoke", ranges, mirrored))
+    else:
+        with pytest.raises(InputError, match=r"symmetries = True: .* leave poses"):
+            settings.check(composed("profile=smoke", ranges, mirrored))
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     network = networks.build_network(composed(f"variant={variant}", "profile=smoke"))
