@@ -34,6 +34,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/architecture.md"
 PROFILES = ("paper", "bench", "demo")
 IMAGE = (1, 3, 299, 299)
+SPEEDS = (10, 30, 100)  # TFLOP/s that a GPU keeps up
 POSES = 20_000  # whose rounding is averaged
 ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm", "_deg")))
 
@@ -48,7 +49,10 @@ def main() -> None:
 
 def page(text: str) -> str:
     """The page with its tables up to date."""
-    tables = {"maps": map_table(), "networks": network_table(), "rounding": rounding_table()}
+    tables = {
+        "maps": map_table(), "networks": network_table(), "budget": budget_table(),
+        "rounding": rounding_table(),
+    }  # fmt: skip
     return with_tables(text, tables, "make architecture", "docs/architecture.md")
 
 
@@ -96,14 +100,14 @@ def network_table() -> str:
     """Parameters and FLOPs of each network at each size."""
     rows = []
     for names, file in networks().items():
-        for profiles, size in sizes().items():
+        for named, size in sizes().items():
             network = build(file, *size)
             values = network.pose_coder.values
             backbone, head = parameters(network.backbone), parameters(network.head)
             rows.append(
                 [
                     names, str(values), str(CLASSES + BOX_OFFSETS + values),
-                    profiles, *(f"{share:g}" for share in size),
+                    named, *(f"{share:g}" for share in size),
                     f"{backbone:,}", f"{head:,}", f"{backbone + head:,}", f"{flops(network):.2f}",
                 ]
             )  # fmt: skip
@@ -112,6 +116,19 @@ def network_table() -> str:
          "Head", "Parameters", "GFLOPs"],
         rows,
     )  # fmt: skip
+
+
+def budget_table() -> str:
+    """Hours that a training of the profile `paper` takes at several speeds of computation."""
+    paper = profiles()["paper"]
+    images, rows = paper["steps"] * paper["batch_size"], []
+    for names, file in networks().items():
+        operations = training_flops(build(file, paper["width"], paper["depth"]))
+        hours = [operations * images / speed / 1000 / 3600 for speed in SPEEDS]
+        cells = f"{operations:.1f}", f"{images:,}", *(f"{value:,.1f}" for value in hours)
+        rows.append([names, *cells])
+    headings = [f"Hours at {speed} TFLOP/s" for speed in SPEEDS]
+    return pipe_table(["Variant", "GFLOPs per image", "Images", *headings], rows)
 
 
 def rounding_table() -> str:
@@ -139,12 +156,17 @@ def rounding_errors(coder: BinCoder) -> dict[str, float | None]:
 
 def sizes() -> dict[str, tuple[float, float]]:
     """Profiles -> width and depth of their networks; those of one size together."""
-    profiles = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
     by_size: dict[tuple[float, float], list[str]] = {}
     for name in PROFILES:
-        size = profiles[name]["width"], profiles[name]["depth"]
+        size = profiles()[name]["width"], profiles()[name]["depth"]
         by_size.setdefault(size, []).append(name)
     return {", ".join(names): size for size, names in by_size.items()}
+
+
+def profiles() -> dict[str, dict[str, Any]]:
+    """What conf/profiles.yaml holds."""
+    content: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
+    return content
 
 
 def networks() -> dict[str, dict[str, Any]]:
@@ -182,6 +204,15 @@ def pose_ranges() -> PoseRanges:
 def parameters(module: nn.Module) -> int:
     """Trained weights."""
     return sum(weights.numel() for weights in module.parameters())
+
+
+def training_flops(network: nn.Module) -> float:
+    """Floating point operations of one image's way through a network and back, in 10^9."""
+    counter = FlopCounterMode(display=False)
+    with counter:
+        outputs = network.train()(torch.zeros(2, *IMAGE[1:], device="meta"))
+        torch.cat([output.flatten() for output in outputs]).sum().backward()
+    return counter.get_total_flops() / 2e9
 
 
 def flops(network: nn.Module) -> float:
