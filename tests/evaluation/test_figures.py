@@ -14,7 +14,7 @@ from shaftpose.evaluation.pose_errors import errors_between
 
 
 def row(variant: str, **metrics: float | None) -> VariantRow:
-    return VariantRow(variant, metrics, 900, 100, 3000, 16, 0.25, 0.5, (0,), 1_000)
+    return VariantRow(variant, metrics, 900, 100, 3000, 16, 0.25, 0.5, "muon", 700, (0,), 1_000)
 
 
 def test_precision_recall_names_the_average_precision():

@@ -27,7 +27,8 @@ import results_page  # noqa: E402
 
 def row(seed: int, variant: str = "d", steps: int = 3000, **metrics: float | None) -> VariantRow:
     title = variant.upper()
-    return VariantRow(variant, metrics, 900, 100, steps, 16, 0.25, 0.5, (seed,), 1_000, 0, title)
+    sizes = (900, 100, steps, 16, 0.25, 0.5, "muon", 700)
+    return VariantRow(variant, metrics, *sizes, (seed,), 1_000, 0, title)
 
 
 def test_mean_and_half_range_by_hand():
@@ -54,7 +55,8 @@ def record(
     recipe = {
         "size": {
             "steps": 3000, "batch_size": 16, "width": 0.25, "depth": 0.5,
-            "precision": "32-true", "learning_rate": 2e-3,
+            "precision": "32-true", "learning_rate": 2e-3, "optimizer": "muon",
+            "detector_steps": 700,
         },
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
@@ -183,7 +185,8 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
     assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.800 ± 0.100 |" in text
     assert (
         "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, "
-        "depth 0.5, precision 32-true, learning rate 0.002, batch normalisation frozen in the last "
+        "depth 0.5, after 700 steps of a detector, by Muon, precision 32-true, "
+        "learning rate 0.002, batch normalisation frozen in the last "
         "30%; loss weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
     )
     assert "±" not in page()

@@ -21,8 +21,9 @@ RULE = "The lowest mean tip error on the validation images."
 def row(variant: str, title: str = "") -> VariantRow:
     mixed_in = 100 if variant == "d_noise_real" else 0
     return VariantRow(
-        variant, METRICS, 900, 100, 3000, 16, 0.25, 0.5, (0,), 1_234_567, mixed_in, title
-    )
+        variant, METRICS, 900, 100, 3000, 16, 0.25, 0.5, "muon", 700, (0,), 1_234_567, mixed_in,
+        title,
+    )  # fmt: skip
 
 
 def score(rate: float, iou: float | None) -> dict[str, float | int | None]:

@@ -30,7 +30,8 @@ FOUND = found_instruments(errors_between(POSES + 1, POSES), 3)
 TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "depth": 0.25, "seed": 7, "parameters": 1000,
-    "recipe": {"loss": {"alpha": 0.5}}, "variant": {"noise": 10}, "data": "0123456789abcdef",
+    "recipe": {"loss": {"alpha": 0.5}, "size": {"optimizer": "muon", "detector_steps": 5}},
+    "variant": {"noise": 10}, "data": "0123456789abcdef",
     "real": {"domain": "stand-in", "images": 2, "digest": "fedcba9876543210"},
 }  # fmt: skip
 
@@ -60,7 +61,7 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.width, record.row.depth) == (0.125, 0.25)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
-    assert record.recipe == {"loss": {"alpha": 0.5}, "detection": {"overlap": 0.45}}
+    assert record.recipe == {**TRAINING["recipe"], "detection": {"overlap": 0.45}}
     assert record.binned_errors == BINNED
     assert record.found == FOUND
     assert record.curves == [(9, "validation/mAP", 0.25)]

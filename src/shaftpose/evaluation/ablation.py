@@ -21,9 +21,9 @@ class VariantRow:
 
     `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
     each, empty if it was trained once. `width` and `depth` multiply the backbone's channels and
-    blocks; `parameters` counts the network's weights. `mixed_in_images` are real, or stand-in,
-    images that it was trained on besides `training_images`. `title` is needed only by variants that
-    the paper does not have.
+    blocks; `detector_steps` are those of the detector that it started from; `parameters` counts the
+    network's weights. `mixed_in_images` are real, or stand-in, images that it was trained on
+    besides `training_images`. `title` is needed only by variants that the paper does not have.
     """
 
     variant: str
@@ -34,6 +34,8 @@ class VariantRow:
     batch_size: int
     width: float
     depth: float
+    optimizer: str
+    detector_steps: int
     seeds: tuple[int, ...]
     parameters: int
     mixed_in_images: int = 0
@@ -89,6 +91,8 @@ def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
         batch_size=training["batch_size"],
         width=training["width"],
         depth=training["depth"],
+        optimizer=training["recipe"]["size"]["optimizer"],
+        detector_steps=training["recipe"]["size"]["detector_steps"],
         seeds=(training["seed"],),
         parameters=training["parameters"],
         mixed_in_images=training["real"]["images"] if training["real"] else 0,
