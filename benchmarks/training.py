@@ -133,7 +133,8 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[st
             f"little memory for one, or data/split lists too few ({images})"
         )
     best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
-    result = {"width": own.width, "depth": own.depth, "precision": own.precision, **speeds[0]}
+    network = {"width": own.width, "depth": own.depth, "optimizer": own.optimizer}
+    result = {**network, "precision": own.precision, **speeds[0]}
     return result | {"best_batch_size": best["batch_size"], "batches": speeds}
 
 

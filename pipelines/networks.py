@@ -10,8 +10,6 @@ from shaftpose.config import PoseRanges, Variant, parse
 from shaftpose.network.checkpoint import load_network_weights, start_from_detector
 from shaftpose.network.shaft_network import ShaftNetwork
 
-DETECTOR = "detector"  # the variant whose weights others start from
-
 
 def variant(config: Config) -> Variant:
     """What distinguishes the chosen variant. Raises InputError if its file is wrong."""
@@ -32,7 +30,7 @@ def initial_network(config: Config) -> ShaftNetwork:
     """The network as a training begins: random weights, or those of the detector at `start`."""
     network, start = build_network(config), variant(config).start
     if start is not None:
-        start_from_detector(start, network, {"variant": DETECTOR, **_backbone(config)})
+        start_from_detector(start, network, _backbone(config))
     return network
 
 

@@ -72,13 +72,14 @@ def check_symmetries(config: Config) -> None:
     """Raise InputError if mirrored and turned images would show poses beyond `poses`."""
     ranges = parse(PoseRanges, config["poses"], "params.yaml: poses")
     (low, high), (first, last) = ranges.x_mm, ranges.yaw_deg
-    symmetric = ranges.x_mm == ranges.y_mm and low == -high and last - first > 350
-    if config["training"]["augmentation"]["symmetries"] and not symmetric:
+    symmetric = ranges.x_mm == ranges.y_mm and low == -high and first == 0 and last > 350
+    training = parse(TrainingSettings, config["training"], "params.yaml: training")
+    if training.augmentation.symmetries and not symmetric:
         raise InputError(
             "params.yaml: training.augmentation.symmetries = True: mirrored and turned shafts "
             f"leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
-            f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn, or set "
-            "it to false"
+            f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn from 0, "
+            "or set it to false"
         )
 
 

@@ -68,10 +68,10 @@ def _resolved(composed: DictConfig) -> Config:
         raise InputError(
             f"params.yaml: profile = {composed.profile!r}: unknown; choose one of {known}"
         )
-    # Before other parts refer to a size that is missing.
-    sizes = OmegaConf.to_container(composed.profiles[composed.profile])
-    size({"profile": composed.profile, "size": sizes})
     try:
+        # Before other parts refer to a size that is missing.
+        sizes = OmegaConf.to_container(composed.profiles[composed.profile], resolve=True)
+        size({"profile": composed.profile, "size": sizes})
         config = OmegaConf.to_container(composed, resolve=True)
     except OmegaConfBaseException as error:
         raise InputError(f"params.yaml or conf/: {str(error).splitlines()[0]}") from error

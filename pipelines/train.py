@@ -5,7 +5,6 @@ import signal
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -75,8 +74,8 @@ def main(config: Config) -> None:
     A training that was interrupted goes on where it was; one whose result is in `out` is not
     repeated. In a distributed training all processes run this, and the first one keeps the records.
     """
-    config = with_precision(config)
-    chosen, sizes, out = variant(config), training_size(config), Path(config["out"])
+    config = with_detector_settings(with_precision(config))
+    chosen, sizes, out = variant(config), size(config), Path(config["out"])
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(config["seed"], verbose=False)
     data_facts = about_data(with_real=chosen.real_share > 0, start=chosen.start)
@@ -114,10 +113,12 @@ def main(config: Config) -> None:
     logger.info("checkpoint and learning curves are in %s", out)
 
 
-def training_size(config: Config) -> Size:
-    """The sizes of the profile; a detector takes its own number of steps."""
-    sizes = size(config)
-    return sizes if variant(config).pose_loss else replace(sizes, steps=sizes.detector_steps)
+def with_detector_settings(config: Config) -> Config:
+    """The configuration, for a detector with its own number of steps and with L_pose = 0."""
+    if variant(config).pose_loss:
+        return config
+    sizes = {**config["size"], "steps": config["size"]["detector_steps"]}
+    return {**config, "size": sizes, "loss": {**config["loss"], "beta": [0.0] * 5}}
 
 
 def about_settings(config: Config, sizes: Size) -> dict[str, Any]:
@@ -184,13 +185,12 @@ def build_module(config: Config, sizes: Size) -> ShaftModule:
     """The network with its loss and optimiser."""
     network = initial_network(config)
     loss = parse(LossSettings, config["loss"], "params.yaml: loss")
-    beta = loss.beta if variant(config).pose_loss else (0.0,) * len(loss.beta)
     settings = training_settings(config)
     if settings.compile:
         network.compile()  # in place: the names of its weights stay as they are
     return ShaftModule(
         network=network,
-        loss=ShaftLoss(loss.alpha, beta, loss.gamma),
+        loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
         identity=identity(config),
         optimizer=sizes.optimizer,
         learning_rate=sizes.learning_rate,

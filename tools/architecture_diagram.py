@@ -106,7 +106,7 @@ def draw_backbone(sketch: Sketch, network: ShaftNetwork) -> None:
     heading = "(a)  Backbone: Inception-v4 and three more stages, width 1.0, depth 1.0"
     title(sketch, 1.5, 66.2, heading)
     before = sketch.block(6, 60, "image\n299 x 299 x 3", MAP, width=9)
-    made = zip(stages(network.backbone), MAP_SIZES, network.backbone.channels, BOXES_PER_CELL,
+    made = zip(stages(1.0), MAP_SIZES, network.backbone.channels, BOXES_PER_CELL,
                strict=True)  # fmt: skip
     for i, (stage, size, channels, boxes) in enumerate(made):
         x = 19.3 + 14.7 * i

@@ -25,9 +25,10 @@ from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.evaluation.report import pipe_table
 from shaftpose.network.default_boxes import BOXES_PER_CELL
 from shaftpose.network.heads import BOX_OFFSETS, CLASSES
-from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.scaling import block_counts
 from shaftpose.network.shaft_network import ShaftNetwork
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +66,8 @@ def map_table() -> str:
          f"{size * size * boxes:,}"]
         for i, (stage, size, *channels, boxes) in enumerate(
             zip(
-                stages(*backbones), MAP_SIZES, *(b.channels for b in backbones), BOXES_PER_CELL,
+                stages(*(depth for _, depth in sizes().values())), MAP_SIZES,
+                *(backbone.channels for backbone in backbones), BOXES_PER_CELL,
                 strict=True,
             )
         )
@@ -80,20 +82,15 @@ def map_table() -> str:
     )  # fmt: skip
 
 
-def stages(*backbones: InceptionV4Features) -> list[str]:
-    """The layers between each map and the one before, with the blocks of each backbone."""
+def stages(*depths: float) -> list[str]:
+    """The layers between each map and the one before, with the blocks at each depth."""
     entries = ("stem", "Reduction-A", "Reduction-B, padded")
-    blocks = zip(*(block_counts(backbone) for backbone in backbones), strict=True)
+    blocks = zip(*(block_counts(depth) for depth in depths), strict=True)
     trunk = [
-        f"{entry}, {' / '.join(counts)} Inception-{letter}"
+        f"{entry}, {' / '.join(map(str, counts))} Inception-{letter}"
         for entry, counts, letter in zip(entries, blocks, "ABC", strict=True)
     ]
-    return [*trunk, *["1 x 1, then 3 x 3 of stride 2"] * len(backbones[0].extra)]
-
-
-def block_counts(backbone: InceptionV4Features) -> list[str]:
-    """The number of Inception blocks in each stage of the trunk."""
-    return [str(len(list(stage.get_submodule("1").children()))) for stage in backbone.trunk]
+    return [*trunk, *["1 x 1, then 3 x 3 of stride 2"] * len(EXTRA_CHANNELS)]
 
 
 def network_table() -> str:

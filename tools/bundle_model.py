@@ -77,7 +77,9 @@ def bundle(folder: Path, results: Path, root: Path) -> None:
             raise InputError(f"{folder}/model.onnx: loses too much in 16 bits: {what}")
         source = shards.facts(keys[0])["source"]
         (models / CARD).write_text(card(result, stored, comparison, source))
-        shutil.copytree(scratch, root, dirs_exist_ok=True)
+        for part in (MODELS, FRAMES):
+            shutil.rmtree(root / part, ignore_errors=True)
+            shutil.copytree(Path(scratch) / part, root / part)
     print(f"written to {MODELS} and {FRAMES}")
 
 

@@ -30,7 +30,7 @@ def write_frames(
         known = {name: values.tolist() for name, values in vars(shards.annotations(key)).items()}
         frames.append({"image": f"frame_{place}.jpg", **known})
         write_jpeg(shards.rgb(key), folder / f"frame_{place}.jpg")
-    content = {"confidence": exported.confidence, "factor": FACTOR, "margin": MARGIN}
+    content: dict[str, Any] = {"confidence": exported.confidence}
     errors = _errors(exported, content | {"frames": frames}, folder)
     bounds = {
         name: None if error is None else round(FACTOR * error + MARGIN, 3)

@@ -45,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", nargs="+", type=Path, help="PNG or JPEG files")
-    parser.add_argument("--model", type=Path, help="model.onnx of a variant (the package's own)")
+    parser.add_argument("--model", type=Path, help="ONNX file (the package's own model)")
     parser.add_argument("--confidence", type=float, help="least score (the model's own)")
     parser.add_argument("--draw", type=Path, help="folder for images with what was found")
     parser.add_argument("--view-deg", type=float, help="view angle, for --draw (the model's own)")

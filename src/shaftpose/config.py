@@ -17,11 +17,14 @@ from shaftpose.errors import InputError
 
 T = TypeVar("T")
 
-# Keys that files of older versions lack, as one adds them to train as before.
+# Keys that files of older versions lack, with values by which they keep their meaning.
 _NEW_KEYS = {
     "depth": "depth: 1.0",
-    "detector_steps": "detector_steps: 1000",
+    "detector_steps": "detector_steps: 1000",  # used only where a variant starts from the detector
     "optimizer": "optimizer: adam",
+    "start": "start: null",
+    "pose_loss": "pose_loss: true",
+    "symmetries": "symmetries: false",
 }
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)

@@ -185,7 +185,7 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
     assert "| D | 90,000 / 900 | n/a / 3,000 | 0.949 / 0.800 ± 0.100 |" in text
     assert (
         "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, "
-        "depth 0.5, after 700 steps of a detector, by Muon, precision 32-true, "
+        "depth 0.5, optimiser Muon, precision 32-true, "
         "learning rate 0.002, batch normalisation frozen in the last "
         "30%; loss weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
     )

@@ -34,6 +34,7 @@ def result(title: str, real: dict[str, Any] | None) -> dict[str, Any]:
             "training_images": 90, "steps": 10, "batch_size": 4, "width": 0.125, "depth": 0.25,
             "seed": 7, "parameters": 1000, "real": real,
             "recipe": {"size": {"optimizer": "adam", "detector_steps": 5}},
+            "variant": {"start": True},
         },
         "binned_errors": as_plain(binned_errors(ERRORS, np.ones(1), RANGES)),
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},

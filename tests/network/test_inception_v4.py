@@ -64,5 +64,5 @@ def test_depth_leaves_out_blocks_and_nothing_else() -> None:
 
 @pytest.mark.parametrize(("width", "depth"), [(0.125, 1.0), (1.0, 0.1)])
 def test_what_is_too_narrow_or_too_shallow_is_refused(width: float, depth: float) -> None:
-    with pytest.raises(InputError, match=r"choose at least"):
+    with pytest.raises(InputError, match=r"0.25 gives"):
         InceptionV4Features(width, depth)

@@ -79,6 +79,7 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
         ("poses.x_mm=[-10,20]", False),
         ("poses.y_mm=[-10,10]", False),
         ("poses.yaw_deg=[0,180]", False),
+        ("poses.yaw_deg=[-180,180]", False),
     ],
 )
 def test_symmetries_need_symmetric_ranges(ranges: str, allowed: bool) -> None:

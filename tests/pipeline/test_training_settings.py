@@ -66,20 +66,19 @@ def test_the_optimiser_follows_the_profile() -> None:
 
 def test_a_detector_takes_its_own_steps_and_no_pose_loss() -> None:
     sizes = ("steps=40", "detector_steps=30")
-    config = composed(
-        "profile=smoke", "variant=detector", *(f"profiles.smoke.{size}" for size in sizes)
-    )
-    module = train.build_module(config, train.training_size(config))
+    overrides = "profile=smoke", *(f"profiles.smoke.{size}" for size in sizes)
+    config = train.with_detector_settings(composed("variant=detector", *overrides))
+    module = train.build_module(config, settings.size(config))
     assert module.total_steps == 30
     assert module.loss.beta.tolist() == [0.0] * 5
-    other = composed("profile=smoke", "variant=d", *(f"profiles.smoke.{size}" for size in sizes))
-    assert train.training_size(other).steps == 40
+    other = composed("variant=d", *overrides)
+    assert train.with_detector_settings(other) == other
 
 
 def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Path) -> None:
     """Backbone, classes and boxes; its poses are its own. B has other buffers for them."""
     alone = composed("profile=smoke", "variant=detector")
-    detector = train.build_module(alone, train.training_size(alone))
+    detector = train.build_module(alone, settings.size(alone))
     path = tmp_path / "model.ckpt"
     state = {f"network.{name}": value + 1 for name, value in detector.network.state_dict().items()}
     torch.save({"state_dict": state, "identity": detector.identity}, path)
@@ -90,8 +89,12 @@ def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Pat
         assert learned == {n for n in detector.network.state_dict() if not n.startswith(POSES)}
         assert all(torch.equal(weights[name], state[f"network.{name}"]) for name in learned)
     deeper = composed("profile=smoke", f"variant.start={path}", "profiles.smoke.depth=0.5")
-    with pytest.raises(InputError, match=r"'depth': 0.25}, not of .*'depth': 0.5}"):
+    with pytest.raises(InputError, match=r"'depth': 0.25}, not of .*'depth': 0.5}.*start=null"):
         networks.initial_network(deeper)
+    state.pop("network.head.box_convs.0.bias")
+    torch.save({"state_dict": state, "identity": detector.identity}, path)
+    with pytest.raises(InputError, match=r"head.box_convs.0.bias is not in both networks"):
+        networks.initial_network(composed("profile=smoke", f"variant.start={path}"))
 
 
 @pytest.mark.parametrize(
@@ -113,6 +116,20 @@ def test_colours_change_as_the_settings_say(folder: Path) -> None:
     ranges = [f"training.augmentation.{key}={values}" for key, values in JITTER.items()]
     (jitter,) = stream(training_data(folder, *ranges)).transforms
     assert jitter == ColourJitter((1, 2), (3, 4), (5, 6), (7, 8))
+
+
+def test_symmetries_change_images_and_boxes_alike(folder: Path) -> None:
+    """The bars of these images lie in their boxes, wherever the images are turned to."""
+    plain = stream(training_data(folder))
+    turned = stream(training_data(folder, "training.augmentation.symmetries=true"))
+    changed = 0
+    for n in range(8):
+        (rgb, known), (before, _) = turned[n], plain[n]
+        assert np.array_equal(rgb, turned[n][0])
+        changed += not np.array_equal(rgb, before)
+        for x0, y0, x1, y1 in known.boxes.astype(int):
+            assert rgb[y0:y1, x0:x1].mean() > rgb.mean() + 20
+    assert changed > 4
 
 
 def test_each_part_of_the_split_has_its_use(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

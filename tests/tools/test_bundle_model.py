@@ -55,7 +55,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """The folder of a training that was evaluated, in a project with its data."""
     monkeypatch.chdir(tmp_path)
     write_data(tmp_path)
-    facts = TRAINING | {"data": rendered_digest(), "recipe": {"poses": POSES}}
+    facts = TRAINING | {"data": rendered_digest(), "recipe": TRAINING["recipe"] | {"poses": POSES}}
     folder = write_training(tmp_path, facts)
     store_metadata(constant_model, 0.5, 95.0, 3.0)
     constant_model.rename(folder / "model.onnx")

@@ -31,7 +31,7 @@ TRAINING: dict[str, Any] = {
     "training_id": "0123456789abcdef", "training_images": 90, "skipped_images": 0, "steps": 10,
     "batch_size": 4, "width": 0.125, "depth": 0.25, "seed": 7, "parameters": 1000,
     "recipe": {"loss": {"alpha": 0.5}, "size": {"optimizer": "muon", "detector_steps": 5}},
-    "variant": {"noise": 10}, "data": "0123456789abcdef",
+    "variant": {"noise": 10, "start": True}, "data": "0123456789abcdef",
     "real": {"domain": "stand-in", "images": 2, "digest": "fedcba9876543210"},
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from shaftpose.errors import InputError
 FOLDER = Path(str(files("shaftpose"))) / "models"
 MODEL, CHECKSUM = "shaftpose.onnx", "shaftpose.onnx.sha256"
 
-_REMEDY = "reinstall the package, or name another model with --model"
+_REMEDY = "reinstall the package, or name another model"
 
 
 def bundled_model() -> Path:

@@ -21,9 +21,10 @@ class VariantRow:
 
     `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
     each, empty if it was trained once. `width` and `depth` multiply the backbone's channels and
-    blocks; `detector_steps` are those of the detector that it started from; `parameters` counts the
-    network's weights. `mixed_in_images` are real, or stand-in, images that it was trained on
-    besides `training_images`. `title` is needed only by variants that the paper does not have.
+    blocks; `detector_steps` are those of the detector that it started from, 0 for random weights;
+    `parameters` counts the network's weights. `mixed_in_images` are real, or stand-in, images that
+    it was trained on besides `training_images`. `title` is needed only by variants that the paper
+    does not have.
     """
 
     variant: str
@@ -81,6 +82,7 @@ class AblationReport:
 def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
     """The table line of one variant, of the plain values that its evaluation wrote."""
     training, metrics = result["training"], result["metrics"]
+    size = training["recipe"]["size"]
     return VariantRow(
         variant=name,
         title=result["title"],
@@ -91,8 +93,8 @@ def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
         batch_size=training["batch_size"],
         width=training["width"],
         depth=training["depth"],
-        optimizer=training["recipe"]["size"]["optimizer"],
-        detector_steps=training["recipe"]["size"]["detector_steps"],
+        optimizer=size["optimizer"],
+        detector_steps=size["detector_steps"] if training["variant"]["start"] else 0,
         seeds=(training["seed"],),
         parameters=training["parameters"],
         mixed_in_images=training["real"]["images"] if training["real"] else 0,

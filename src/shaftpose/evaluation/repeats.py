@@ -39,8 +39,8 @@ class Scale(NamedTuple):
         return (
             f"{self.training_images:,} training images, {self.test_images:,} test images; "
             f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
-            f"{size['width']:g}, depth {size['depth']:g}, after {size['detector_steps']:,} steps "
-            f"of a detector, by {size['optimizer'].capitalize()}, precision {size['precision']}, "
+            f"{size['width']:g}, depth {size['depth']:g}, optimiser "
+            f"{size['optimizer'].capitalize()}, precision {size['precision']}, "
             f"learning rate {size['learning_rate']:g}, batch normalisation frozen in the last "
             f"{frozen:.0%}; loss weights alpha {loss['alpha']:g}, gamma {loss['gamma']:g}, "
             f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."

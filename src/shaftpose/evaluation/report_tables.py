@@ -150,7 +150,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             f"{row.width:g}",
             f"{row.depth:g}",
             row.optimizer.capitalize(),
-            show(row.detector_steps, 0),
+            show(row.detector_steps or None, 0),
             ", ".join(str(seed) for seed in row.seeds),
             show(row.parameters, 0),
             show(row.metrics.get("confidence"), 2),

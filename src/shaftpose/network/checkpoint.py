@@ -13,6 +13,10 @@ from shaftpose.network.shaft_network import ShaftNetwork
 
 WEIGHT_PREFIX = "network."  # the network's name in `ShaftModule`
 _OF_POSES = ("head.pose", "pose_coder.")  # what a detector has not learned
+_ANOTHER_START = (
+    "train a detector of this size by `variant=detector` with the same settings, or append "
+    "`variant.start=null` to start from random weights"
+)
 
 _AGAIN = "delete it and train the network again"
 
@@ -24,32 +28,34 @@ def load_network_weights(
 
     Raises InputError if the file does not hold them.
     """
+    checkpoint = _read_checkpoint_of(path, identity, {"state_dict"})
     try:
-        network.load_state_dict(_network_weights(path, identity))
+        network.load_state_dict(_network_weights(checkpoint))
     except RuntimeError as error:
         raise InputError(
             f"{path}: its weights do not fit this version of {identity}; {_AGAIN}"
         ) from error
 
 
-def start_from_detector(
-    path: Path, network: ShaftNetwork, identity: dict[str, str | float]
-) -> None:
-    """Fill backbone, class and box convolutions of `network` with those of a trained detector.
+def start_from_detector(path: Path, network: ShaftNetwork, identity: dict[str, float]) -> None:
+    """Fill all of `network` but its poses with the weights of a trained detector.
 
-    identity: the detector's. Raises InputError if the file does not hold these weights.
+    identity: width and depth, in which both must agree. Raises InputError if the file does not hold
+    these weights.
     """
+    checkpoint = _read_checkpoint(path, {"state_dict"})
+    other = {name: checkpoint["identity"].get(name) for name in identity}
+    if other != identity:
+        raise InputError(f"{path}: holds a network of {other}, not of {identity}; {_ANOTHER_START}")
     weights = {
         name: value
-        for name, value in _network_weights(path, identity).items()
+        for name, value in _network_weights(checkpoint).items()
         if not name.startswith(_OF_POSES)
     }
-    try:
-        missing = network.load_state_dict(weights, strict=False).unexpected_keys
-    except RuntimeError as error:
-        raise InputError(f"{path}: its weights do not fit {identity}; {_AGAIN}") from error
-    if missing:
-        raise InputError(f"{path}: the network has no {missing[0]} to fill; {_AGAIN}")
+    own = {name for name in network.state_dict() if not name.startswith(_OF_POSES)}
+    if different := sorted(own ^ weights.keys()):
+        raise InputError(f"{path}: {different[0]} is not in both networks; {_ANOTHER_START}")
+    network.load_state_dict(weights, strict=False)
 
 
 def identity_of(path: Path) -> dict[str, str | float]:
@@ -58,15 +64,6 @@ def identity_of(path: Path) -> dict[str, str | float]:
     Raises InputError if the file is no checkpoint.
     """
     return dict(_read_checkpoint(path, {"state_dict"})["identity"])
-
-
-def _network_weights(path: Path, identity: dict[str, str | float]) -> dict[str, Tensor]:
-    state = _read_checkpoint_of(path, identity, {"state_dict"})["state_dict"]
-    return {
-        name.removeprefix(WEIGHT_PREFIX): value
-        for name, value in state.items()
-        if name.startswith(WEIGHT_PREFIX)
-    }
 
 
 def resumed_step(path: Path, identity: dict[str, str | float]) -> int:
@@ -107,3 +104,12 @@ def _read_checkpoint(path: Path, parts: Set[str]) -> dict[str, Any]:
     if not isinstance(checkpoint, dict) or not {"identity"} | parts <= checkpoint.keys():
         raise InputError(f"{path}: not a checkpoint of this project; {_AGAIN}")
     return checkpoint
+
+
+def _network_weights(checkpoint: dict[str, Any]) -> dict[str, Tensor]:
+    """The network's weights and buffers in a checkpoint, by their names in the network."""
+    return {
+        name.removeprefix(WEIGHT_PREFIX): value
+        for name, value in checkpoint["state_dict"].items()
+        if name.startswith(WEIGHT_PREFIX)
+    }

@@ -2,7 +2,8 @@
 
 A cell looks at a square of the image. Its centre moves by `(kernel - 1) / 2 - padding` cells of the
 layer before (Dumoulin and Visin, 2016, relationship 6); what padding cuts off at the border is not
-subtracted.
+subtracted. All other layers, and functions called without a module, must keep each cell where it
+is.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ def through(module: nn.Module, grid: Grid) -> Grid:
 
     Modules in a `branches` list stand side by side, all others behind one another.
     """
-    if isinstance(module, nn.Conv2d | nn.MaxPool2d):
+    if isinstance(module, nn.Conv2d | nn.MaxPool2d | nn.AvgPool2d):
         kernel, stride, padding = (
             _pair(size) for size in (module.kernel_size, module.stride, module.padding)
         )

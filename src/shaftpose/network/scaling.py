@@ -23,7 +23,7 @@ def check_width(width: float) -> None:
     if channels < LEAST_STEM_CHANNELS:
         raise InputError(
             f"width = {width:g} gives the first convolution {channels} channels, fewer than "
-            f"{LEAST_STEM_CHANNELS}; choose at least {LEAST_STEM_CHANNELS / STEM_CHANNELS:g}"
+            f"{LEAST_STEM_CHANNELS}; {LEAST_STEM_CHANNELS / STEM_CHANNELS:g} gives enough"
         )
 
 
@@ -36,6 +36,6 @@ def block_counts(depth: float) -> tuple[int, ...]:
     if not all(counts):
         raise InputError(
             f"depth = {depth:g} gives the three stages {counts} blocks, and each needs one; "
-            "choose at least 0.25, for 1, 2 and 1"
+            "0.25 gives 1, 2 and 1"
         )
     return counts
