@@ -95,6 +95,17 @@ def test_all_that_belongs_to_a_model_is_written(
     assert complaints(predictor, frames) == []
 
 
+def test_the_project_keeps_its_mode_and_old_frames_go(training: Path) -> None:
+    root = training.parents[1] / "root"
+    old = root / "tests/data/bundled_model/frame_7.jpg"
+    old.parent.mkdir(parents=True)
+    old.touch()
+    root.chmod(0o755)
+    bundle(training)
+    assert root.stat().st_mode & 0o777 == 0o755
+    assert not old.exists()
+
+
 def test_the_card_states_what_the_files_do(training: Path) -> None:
     card = (bundle(training) / "src/shaftpose/models/shaftpose.md").read_text()
     for stated in (
@@ -102,7 +113,7 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
         "2 (stand-in) with boxes, without poses",
         "view angle 95 deg", "diameter 3 mm", "x -20 to 20 mm, pitch 50 to 90 deg",
         "D + noise + real, width 0.125, depth 0.25, 1,000 parameters",
-        "`0123456789abcdef`, seed 7, 10 steps",
+        "`0123456789abcdef`, seed 7: after 5 steps of a detector without poses, 10 steps",
         "5 rendered test images with 4 shafts", "at least 0.500",
         "| bundled | 0.800 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |",
         "100.00 % of the exported model's detections are shared, the mAP changes by +0.00000",
