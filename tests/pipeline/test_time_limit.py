@@ -40,7 +40,7 @@ def test_the_time_before_an_interruption_counts(inside: Path, tmp_path: Path) ->
     assert resumed.trainer.global_step == 4
     curves = {(step, name): value for step, name, value in resumed.curves.rows}
     assert (3, "validation/mAP") in curves
-    # The learning rate is that of all steps.
+    # The learning rate is that of all steps; the second group of weights has it as it is.
     assert resumed.module.total_steps == STEPS
     rate = resumed.module.learning_rate * resumed.module.learning_rate_factor(3)
-    assert curves[3, "lr-Adam"] == pytest.approx(rate)
+    assert curves[3, "lr-Muon/pg2"] == pytest.approx(rate)
