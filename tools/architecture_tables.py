@@ -5,7 +5,6 @@ widths and depths of conf/profiles.yaml. They are built without memory for their
 device `meta`).
 """
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,12 @@ import numpy as np
 import torch
 import yaml
 from hydra.utils import instantiate
-from page_tables import with_tables
+from page_tables import rewrite, with_tables
 from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
 
 from shaftpose.config import PoseRanges, parse
-from shaftpose.errors import InputError
 from shaftpose.evaluation import report_tables
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.evaluation.report import pipe_table
@@ -42,10 +40,7 @@ ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm
 
 def main() -> None:
     """Put the tables into the page, between its markers."""
-    try:
-        PAGE.write_text(page(PAGE.read_text()))
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    rewrite(PAGE, page)
 
 
 def page(text: str) -> str:

@@ -1,12 +1,10 @@
 """Write the tables of docs/learning.md: short trainings, from the files of reports/learning."""
 
 import csv
-import sys
 from pathlib import Path
 
-from page_tables import with_tables
+from page_tables import rewrite, with_tables
 
-from shaftpose.errors import InputError
 from shaftpose.evaluation.report import pipe_table
 
 ROOT = Path(__file__).parents[1]
@@ -15,10 +13,7 @@ PAGE, RECORDS = ROOT / "docs/learning.md", ROOT / "reports/learning"
 
 def main() -> None:
     """Put the tables into the page, between its markers."""
-    try:
-        PAGE.write_text(page(PAGE.read_text()))
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    rewrite(PAGE, page)
 
 
 def page(text: str) -> str:

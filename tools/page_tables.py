@@ -1,8 +1,18 @@
 """Tables of a documentation page, each between a pair of markers."""
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from shaftpose.errors import InputError
+
+
+def rewrite(path: Path, change: Callable[[str], str]) -> None:
+    """Change the text of a page. An InputError ends the command with one line and status 1."""
+    try:
+        path.write_text(change(path.read_text()))
+    except InputError as error:
+        sys.exit(f"error: {error}")
 
 
 def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -> str:
