@@ -15,7 +15,7 @@ from shaftpose.errors import InputError
 from shaftpose.network import ranks
 from shaftpose.network.decoding import decode
 from shaftpose.network.heads import HeadOutputs
-from shaftpose.network.layers import freeze_statistics
+from shaftpose.network.layers import ConvBNReLU, freeze_statistics
 from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.muon import Muon
 from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
@@ -27,10 +27,10 @@ MUON_RATIO = 5.0  # of Muon's learning rate to that of Adam
 class ShaftModule(LightningModule):
     """Trains a `ShaftNetwork`: linear warm-up, then polynomial decay, by steps.
 
-    `optimizer`: Adam for all weights, or Muon for the convolutions of the backbone and Adam for the
-    others, whose learning rate is `learning_rate`. `identity` (variant, width, depth) says which
-    network the weights in a checkpoint belong to. In the last steps, a share `frozen_norm_share` of
-    all, batch normalisation works as it does in the finished network.
+    `optimizer`: Adam for all weights, or Muon for the convolutions with batch normalisation and
+    Adam for the others, whose learning rate is `learning_rate`. `identity` (variant, width, depth)
+    says which network the weights in a checkpoint belong to. In the last steps, a share
+    `frozen_norm_share` of all, batch normalisation works as it does in the finished network.
     """
 
     def __init__(
@@ -109,7 +109,8 @@ class ShaftModule(LightningModule):
         weights = list(self.network.parameters())
         if self.optimizer == "adam":
             return torch.optim.Adam(weights, lr=self.learning_rate, fused=fused)
-        matrices = [w for w in self.network.backbone.parameters() if w.dim() == 4]
+        hidden = [m for m in self.network.modules() if isinstance(m, ConvBNReLU)]
+        matrices = [module.conv.weight for module in hidden]
         chosen = {id(weight) for weight in matrices}
         others = [weight for weight in weights if id(weight) not in chosen]
         rate = self.learning_rate
