@@ -1,16 +1,16 @@
-# `make help` lists what there is; what needs the environment makes it first.
+# `make help` lists the targets. Targets that need the environment create it first.
 
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-# `variants` of params.yaml, a list in one line.
+# `variants` of params.yaml, a list on one line.
 VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',' ' ')
 ifeq ($(VARIANTS),)
-$(error params.yaml: `variants` must be a list in one line, as in [c, d])
+$(error params.yaml: `variants` must be a list on one line, as in [c, d])
 endif
-# On a CPU, narrow networks train faster side by side, each on a share of the cores, than one after
-# another on all; a GPU takes one at a time.
+# On a CPU, narrow networks train faster in parallel, each on a share of the cores, than one by one
+# on all cores; a GPU trains one at a time.
 JOBS ?= $(shell if nvidia-smi -L >/dev/null 2>&1; then echo 1; else n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)); fi)
 THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
@@ -18,7 +18,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 .DEFAULT_GOAL := help
 .PHONY: help env repro report test lint format bench bench-render bench-train ui figures architecture learning results clean
 
-help:  ## this list
+help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 env: $(READY)  ## create .venv with pinned dependencies, after checking system libraries
@@ -40,13 +40,13 @@ repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print th
 	@echo "report:   $(CURDIR)/reports/ablation.html"
 	@echo "tracking: $(CURDIR)/mlflow.db (make ui)"
 
-report: $(READY)  ## bring the report up to date, one stage after another
+report: $(READY)  ## update the report, one stage at a time
 	dvc repro report
 	@echo "report: $(CURDIR)/reports/ablation.html"
 
-# Not `evaluate`, which also measures speed and therefore runs alone. Threads are as many for a single
-# variant as in `repro`: with others, weights differ by rounding.
-variant-%: $(READY)  ## train one of `variants`, as in `make variant-d`, on data that is there
+# Leaves out `evaluate`, which also measures speed and must run alone. A single variant has as many
+# threads as in `repro`: with other numbers of threads, weights differ by rounding.
+variant-%: $(READY)  ## train one of `variants` on existing data, as in `make variant-d`
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
 test: $(READY)  ## run all tests
@@ -57,24 +57,24 @@ lint: $(READY)  ## check style, format and types
 	ruff format --check .
 	mypy
 
-format: $(READY)  ## mend style and format
+format: $(READY)  ## fix style and format
 	ruff check --fix .
 	ruff format .
 
-bench: $(READY)  ## images/s of the models that `make repro` made
+bench: $(READY)  ## measure images/s of the models from `make repro`
 	python -m benchmarks.prediction
 
-bench-render: $(READY)  ## images/s, quality and memory of the renderer, on an idle machine
+bench-render: $(READY)  ## measure images/s, quality and memory of the renderer, on an idle machine
 	python -m benchmarks.render
 	python -m benchmarks.scaling_tables
 
-bench-train: $(READY)  ## images/s of the network's step alone and of whole trainings
+bench-train: $(READY)  ## measure images/s of the network's step alone and of whole trainings
 	python -m benchmarks.training
 
-ui: $(READY)  ## MLflow's pages of mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own)
+ui: $(READY)  ## serve mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own pages)
 	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
 
-figures: $(READY)  ## draw the README's pictures from data and reports that `make repro` made
+figures: $(READY)  ## draw the pictures of README and docs from the data and reports of `make repro`
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
@@ -83,15 +83,14 @@ figures: $(READY)  ## draw the README's pictures from data and reports that `mak
 	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png
 	install -m 644 reports/figures/binned_errors.png docs/images/binned_errors.png
 
-architecture: $(READY)  ## draw the picture and write the tables of docs/architecture.md
-	python tools/architecture_tables.py
-	python tools/architecture_diagram.py
+architecture: $(READY)  ## write the tables of docs/architecture.md
+	python -m studies.architecture_tables
 
 learning: $(READY)  ## write the tables of docs/learning.md from reports/learning
-	python tools/learning_tables.py
+	python -m studies.learning_tables
 
 results: $(READY)  ## write docs/results.md from the recorded reports and benchmarks
-	python tools/results_page.py
+	python -m studies.write_results_page
 
-clean:  ## remove data/scratch, from which interrupted renders and trainings continue
+clean:  ## remove data/scratch, from which interrupted renders and trainings resume
 	rm -rf data/scratch

@@ -1,22 +1,22 @@
-"""What is wanted of a measured value."""
+"""Targets of measured values."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is wanted of a measured value: at least `least`, or less than `below`."""
+    """Target of a measured value: at least `least`, or less than `below`."""
 
     title: str
     least: float = float("-inf")
     below: float = float("inf")
 
     def is_met(self, value: float) -> bool:
-        """Whether a value is as wanted."""
+        """Whether a value meets the target."""
         return self.least <= value < self.below
 
     def verdict(self, value: float) -> str:
-        """Whether a value is as wanted, in a word."""
+        """Whether a value meets the target, in a word."""
         return "met" if self.is_met(value) else "missed"
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What a benchmark was measured on."""
+"""Description of the machine of a benchmark."""
 
 import os
 import platform
@@ -9,7 +9,7 @@ import psutil
 
 
 def machine() -> dict[str, str | int | float | None]:
-    """Processor, cores, memory, Python and the day, for a file of results."""
+    """Processor, cores, memory, Python and date, for a results file."""
     return {
         "processor": processor(),
         "cores": os.cpu_count(),
@@ -20,7 +20,7 @@ def machine() -> dict[str, str | int | float | None]:
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells it."""
+    """The processor's name, as far as the system reports it."""
     known = Path("/proc/cpuinfo")
     lines = known.read_text().splitlines() if known.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -1,4 +1,4 @@
-"""How fast exported models run: `make bench`, after `make repro`.
+"""Speed of exported models: `make bench`, after `make repro`.
 
 Prints images per second of every `models/*/model.onnx` by batch size, decoding and non-maximum
 suppression included, and writes them to `benchmarks/results/prediction.json`.
@@ -15,21 +15,21 @@ import numpy as np
 import onnxruntime
 
 from benchmarks.machine import machine
+from shaftpose.core.images import Image
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
-from shaftpose.images import Image
-from shaftpose.shards import ShardedDataset
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"
 BATCHES = (1, 4, 16)
 ROUNDS = 20
-# The threads of a model go on looking for work for a while, on cores that the next one needs.
+# The threads of a model keep spinning for a while, on cores that the next model needs.
 PAUSE_S = 0.1
 
 
 def main() -> None:
-    """Print and write the speeds of all models that `make repro` made."""
+    """Print and write the speeds of all models built by `make repro`."""
     try:
         predictors, images = inputs()
     except InputError as error:
@@ -52,7 +52,7 @@ def inputs() -> tuple[dict[str, Predictor], Image]:
 
 
 def measure(predictors: Mapping[str, Predictor], images: Image) -> dict[tuple[str, int], float]:
-    """Images/s by variant and batch size, medians; each round runs every model at every batch size
+    """Median images/s by variant and batch size; each round runs every model at every batch size
     once."""
     seconds: dict[tuple[str, int], list[float]] = {}
     for _ in range(ROUNDS + 1):
@@ -67,7 +67,7 @@ def measure(predictors: Mapping[str, Predictor], images: Image) -> dict[tuple[st
 
 
 def write(speeds: dict[tuple[str, int], float]) -> None:
-    """The speeds with what they were measured on."""
+    """Write the speeds with a description of the machine."""
     result = {
         "machine": machine(),
         "onnxruntime": onnxruntime.__version__,

@@ -1,7 +1,7 @@
-"""How fast, how good and how steady rendering is: `make bench-render`, on an idle machine.
+"""Speed, quality and memory of rendering: `make bench-render`, on an idle machine.
 
-Prints a table and writes `benchmarks/results/render.json`. For a quick look at single parts, which
-writes nothing: `python -m benchmarks.render --quick throughput profile`.
+Prints a table and writes `benchmarks/results/render.json`. A quick run of single parts writes
+nothing: `python -m benchmarks.render --quick throughput profile`.
 """
 
 import argparse
@@ -18,14 +18,14 @@ from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
 from shaftpose.errors import InputError
-from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.rendered_set import RenderedSet
 
 OUT = ROOT / "benchmarks/results/render.json"
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How much is measured."""
+    """Size of each measurement."""
 
     images: int = 1000
     poses: int = 50
@@ -57,7 +57,7 @@ PARTS: dict[str, Part] = {
 
 
 def main() -> None:
-    """Measure the wanted parts one after another; all of them in full make a file of results."""
+    """Measure the selected parts in turn; a full run of all parts writes a results file."""
     arguments = _arguments()
     counts = QUICK if arguments.quick else FULL
     os.environ["OMP_NUM_THREADS"] = "1"
@@ -76,7 +76,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", default=list(PARTS), metavar="PART",
                         help=f"what to measure, all by default: {', '.join(PARTS)}")  # fmt: skip
-    parser.add_argument("--quick", action="store_true", help="few images: to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="few images, as a smoke test")
     arguments = parser.parse_args()
     unknown = set(arguments.parts) - PARTS.keys()
     if unknown:
@@ -85,7 +85,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _result(rendered: RenderedSet, counts: Counts, found: dict[str, Any]) -> dict[str, Any]:
-    """What was measured, on what and of what."""
+    """The results with machine, settings and counts."""
     values = _values(found)
     return {
         **{key: round(values[key], 4) for key in AIMS},
@@ -105,12 +105,12 @@ def _result(rendered: RenderedSet, counts: Counts, found: dict[str, Any]) -> dic
 
 
 def _values(found: dict[str, Any]) -> dict[str, Any]:
-    """The values of all parts by their own names."""
+    """The values of all parts by name."""
     return {key: value for part in found.values() for key, value in part.items()}
 
 
 def table(found: dict[str, Any]) -> list[str]:
-    """Lines: what is wanted beside what was measured, the profile and the price of quality."""
+    """Lines of targets and measurements, the profile and the cost of quality."""
     values = _values(found)
     lines = [f"{'':42}{'measured':>10}{'aim':>10}"]
     for key, aim in AIMS.items():
@@ -160,7 +160,7 @@ def _quality_lines(part: dict[str, Any]) -> list[str]:
 
 
 def _price_of_the_aim(curve: list[dict[str, Any]]) -> str:
-    """How fast images are at the fewest samples that reach the wanted PSNR."""
+    """Speed at the fewest samples that reach the target PSNR."""
     wanted = AIMS["psnr_db"]
     enough = next((point for point in curve if wanted.is_met(point["psnr_db"])), None)
     if enough is None:

@@ -1,4 +1,4 @@
-"""Fills the tables of docs/scaling.md from what `make bench-render` measured.
+"""Fills the tables of docs/scaling.md with the results of `make bench-render`.
 
 `python -m benchmarks.scaling_tables` reads benchmarks/results/render.json.
 """
@@ -8,30 +8,31 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
-from shaftpose.config import Positive, PositiveInt, from_json
 from shaftpose.errors import InputError
-from shaftpose.evaluation.report import pipe_table
+from shaftpose.report.report import pipe_table
+from shaftpose.settings.parsing import from_json
+from shaftpose.settings.parts import Positive, PositiveInt
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/results/render.json"
 PAGE = ROOT / "docs/scaling.md"
 IMAGES = {"100 thousand": 10**5, "10 million": 10**7, "1 billion": 10**9}
 CORES = (1, 16, 1000)
-# A unit is used from 2 of it on.
+# A unit is used from a value of 2.
 DURATIONS = {"years": 365 * 86400, "days": 86400, "hours": 3600, "minutes": 60, "seconds": 1}
 SIZES = {"PB": 10**15, "TB": 10**12, "GB": 10**9, "MB": 10**6, "kB": 10**3, "bytes": 1}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of the default quality."""
+    """Default quality settings."""
 
     samples: PositiveInt
 
 
 @dataclass(frozen=True)
 class Point:
-    """What a number of samples gives: PSNR, and the seconds that an image takes on one core."""
+    """PSNR, and seconds per image on one core, at a number of samples."""
 
     samples: PositiveInt
     psnr_db: float
@@ -47,21 +48,21 @@ class Quality:
 
 @dataclass(frozen=True)
 class Profile:
-    """Milliseconds of each step of an image."""
+    """Milliseconds of each step per image."""
 
     milliseconds: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Plain:
-    """Seconds of a plain script for one image, on all cores of the machine."""
+    """Seconds per image of a plain script, on all cores of the machine."""
 
     plain_s: Positive
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What the parts of the benchmark found."""
+    """Results of the parts of the benchmark."""
 
     quality: Quality
     profile: Profile
@@ -70,9 +71,9 @@ class Parts:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a benchmark of the renderer found; other keys of its file are not read.
+    """Results of the renderer's benchmark; other keys of its file are ignored.
 
-    images_per_s: of all `workers` together, a core each; bytes_per_image: on disk.
+    images_per_s: of all `workers` together, one core each; bytes_per_image: on disk.
     """
 
     images_per_s: Positive
@@ -88,12 +89,12 @@ class Measured:
 
     @property
     def core_seconds(self) -> float:
-        """Seconds of one core for one image of the default quality."""
+        """Core-seconds per image at the default quality."""
         return self.workers / self.images_per_s
 
 
 def main() -> None:
-    """Write the tables between their marks in docs/scaling.md."""
+    """Write the tables between their markers in docs/scaling.md."""
     try:
         PAGE.write_text(with_tables(PAGE.read_text(), read_measured()))
     except InputError as error:
@@ -101,7 +102,7 @@ def main() -> None:
 
 
 def read_measured() -> Measured:
-    """What the benchmark wrote. Raises InputError if it cannot be read."""
+    """The benchmark's results. Raises InputError if the file cannot be read."""
     try:
         return from_json(Measured, RESULTS)
     except InputError as error:
@@ -109,7 +110,7 @@ def read_measured() -> Measured:
 
 
 def with_tables(page: str, measured: Measured) -> str:
-    """A page with what was measured in the place of the tables that were there."""
+    """A page with its tables replaced by new ones."""
     tables = {
         "aims": aims_table(measured),
         "profile": profile_table(measured),
@@ -122,17 +123,17 @@ def with_tables(page: str, measured: Measured) -> str:
 
 
 def filled(page: str, name: str, text: str) -> str:
-    """A page with `text` between the marks of `name`, instead of what was there."""
+    """A page with the content between the markers of `name` replaced by `text`."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
     before, found, rest = page.partition(begin)
     _, closed, after = rest.partition(end)
     if not found or not closed:
-        raise InputError(f"{PAGE}: lacks {begin} or {end}; put them around the place of the table")
+        raise InputError(f"{PAGE}: lacks {begin} or {end}; add both where the table belongs")
     return f"{before}{begin}\n{text}\n{end}{after}"
 
 
 def aims_table(measured: Measured) -> str:
-    """What is wanted beside what was measured."""
+    """Table of targets and measurements."""
     values = {key: getattr(measured, key) for key in AIMS}
     rows = [
         [f"`{key}`: {aim.title}", str(aim), f"{values[key]:.4g}", aim.verdict(values[key])]
@@ -143,7 +144,7 @@ def aims_table(measured: Measured) -> str:
 
 
 def profile_table(measured: Measured) -> str:
-    """Where the time of one image goes, the longest step first."""
+    """Table of the time per step of one image, longest first."""
     spent = measured.parts.profile.milliseconds
     total = sum(spent.values())
     rows = [
@@ -154,7 +155,7 @@ def profile_table(measured: Measured) -> str:
 
 
 def quality_table(measured: Measured) -> str:
-    """What more samples give and take."""
+    """Table of quality and cost by number of samples."""
     rows = [
         [str(point.samples), f"{point.psnr_db:.1f}", f"{point.seconds:.3f}",
          rounded(10**5 * point.seconds / 16, DURATIONS)]
@@ -165,7 +166,7 @@ def quality_table(measured: Measured) -> str:
 
 
 def _price_of_the_aim(measured: Measured) -> str:
-    """How fast images are at the fewest samples that reach the wanted PSNR."""
+    """Speed at the fewest samples that reach the target PSNR."""
     wanted = AIMS["psnr_db"]
     enough = next((p for p in measured.parts.quality.curve if wanted.is_met(p.psnr_db)), None)
     if enough is None:
@@ -180,7 +181,7 @@ def _price_of_the_aim(measured: Measured) -> str:
 
 
 def cost_table(measured: Measured) -> str:
-    """The cost of one image, and of as many as one may want."""
+    """Cost of one image and table of the cost of large sets."""
     rows = [_cost_row(name, images, measured) for name, images in IMAGES.items()]
     cores = [f"{count:,} core{'s' if count > 1 else ''}" for count in CORES]
     return "\n".join(
@@ -196,14 +197,14 @@ def cost_table(measured: Measured) -> str:
 
 
 def _cost_row(name: str, images: int, measured: Measured) -> list[str]:
-    """One line: storage and time for so many images."""
+    """One row: storage and time for a number of images."""
     seconds = [images * measured.core_seconds / cores for cores in CORES]
     cells = [rounded(images * measured.bytes_per_image, SIZES)]
     return [name, *cells, *(rounded(value, DURATIONS) for value in seconds)]
 
 
 def rounded(value: float, units: dict[str, int]) -> str:
-    """A value at two digits or more in the largest unit of which it is two or more."""
+    """A value to at least two digits, in the largest unit in which it is at least 2."""
     unit = next((unit for unit, size in units.items() if value >= 2 * size), list(units)[-1])
     count = value / units[unit]
     return f"{count:,.0f} {unit}" if count >= 10 else f"{count:.1f} {unit}"

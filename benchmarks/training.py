@@ -1,11 +1,11 @@
-"""How fast networks train: `make bench-train`, after `dvc repro split real_images`.
+"""Training speed: `make bench-train`, after `dvc repro split real_images`.
 
 For the networks of the profiles `paper` and `bench`: images per second of (a) the network's step
-alone, forward, loss, backward and optimiser on one batch again and again, and (b) whole training
-steps by the pipeline's trainer, which reads, decodes and augments the images. The two are timed in
-turns, so that whatever else the machine does hits both. Prints them and writes
-`benchmarks/results/train.json`; on a GPU, at the paper's batch of 32 and at the fastest batch, and
-into `train-gpu.json` in the same folder.
+alone, i.e. forward, loss, backward and optimiser on one repeated batch, and (b) whole training
+steps of the pipeline's trainer, which reads, decodes and augments the images. The two alternate, so
+that other load on the machine affects both. Prints the speeds and writes
+`benchmarks/results/train.json`; on a GPU, also tries larger batches than the paper's 32, and
+writes `train-gpu.json`.
 """
 
 import argparse
@@ -21,34 +21,30 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from hydra import compose, initialize_config_dir
 from lightning import Callback, LightningModule, Trainer
-from omegaconf import OmegaConf
+from lightning.fabric.utilities import move_data_to_device
+
+from benchmarks.aims import Aim
+from benchmarks.machine import machine
+from shaftpose.core.batches import Batch
+from shaftpose.core.split_lists import read_keys
+from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.errors import InputError
+from shaftpose.network.pose_network import normalise_images
+from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.parts import Size
+from shaftpose.training.assembly import build_module, build_trainer, training_data
+from shaftpose.training.curves import Curves
+from shaftpose.training.module import ShaftModule
+from shaftpose.training.recipe import Recipe, training_recipe
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "pipelines")]
-
-from networks import variant  # noqa: E402
-from settings import size  # noqa: E402
-from stage import Config  # noqa: E402
-from train import build_module, build_trainer, training_data, with_precision  # noqa: E402
-
-from benchmarks.aims import Aim  # noqa: E402
-from benchmarks.machine import machine  # noqa: E402
-from shaftpose.batches import Batch, Targets  # noqa: E402
-from shaftpose.config import Size  # noqa: E402
-from shaftpose.dataset.skipped import SkippedImages  # noqa: E402
-from shaftpose.dataset.split import read_keys  # noqa: E402
-from shaftpose.errors import InputError  # noqa: E402
-from shaftpose.network.curves import Curves  # noqa: E402
-from shaftpose.network.module import ShaftModule  # noqa: E402
-from shaftpose.network.shaft_network import normalise_images  # noqa: E402
-
 RESULTS = ROOT / "benchmarks/results"
 OUT = {"cpu": RESULTS / "train.json", "cuda": RESULTS / "train-gpu.json"}
 VARIANT = "d"
 PROFILES = ("paper", "bench")
-# A GPU is tried with batches that grow until its memory is full.
+# On a GPU, batches grow until its memory is full.
 BATCHES = {"cpu": (8,), "cuda": (32, 64, 128, 256, 512)}
 STEPS = {"cpu": 10, "cuda": 300}
 ROUNDS, WARM_UP = 5, 3
@@ -68,7 +64,7 @@ class Clock(Callback):
 
     @property
     def seconds(self) -> float:
-        """The time between the two."""
+        """The time between the two steps."""
         return self._times[self._last] - self._times[self._first]
 
     def on_train_batch_end(
@@ -80,10 +76,10 @@ class Clock(Callback):
 
 
 def main() -> None:
-    """Time both profiles at each batch size that the device is tried with."""
+    """Time both profiles at each batch size of the device."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    parser.add_argument("--steps", type=int, default=STEPS[device], help="of each timed block")
+    parser.add_argument("--steps", type=int, default=STEPS[device], help="steps per timed block")
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="blocks of each kind")
     arguments = parser.parse_args()
     os.chdir(ROOT)
@@ -106,13 +102,12 @@ def main() -> None:
 
 
 def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[str, Any]:
-    """The profile's width, depth, precision and speeds: those at the first batch size, and each
-    that was tried.
+    """The profile's width, depth, precision and speeds, at the first and at each batch size.
 
-    The fastest batch size is the one with the most `loop_images_per_s`.
+    The best batch size has the highest `loop_images_per_s`.
     """
-    config = composed(profile)
-    own, speeds = size(config), []
+    recipe = recipe_of(profile)
+    own, speeds = recipe.size, []
     if own.precision not in ("32-true", "bf16-mixed"):
         raise InputError(f"profile {profile}: the step alone is not timed in {own.precision}")
     images = len(read_keys(Path("data/split"), "train"))
@@ -121,7 +116,7 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[st
             break
         sizes = replace(own, batch_size=batch_size, steps=WARM_UP + steps, warmup_steps=0)
         try:
-            speeds.append(timed(config, sizes, torch.device(device), rounds))
+            speeds.append(timed(replace(recipe, size=sizes), torch.device(device), rounds))
         except torch.OutOfMemoryError:
             torch.cuda.empty_cache()
             break
@@ -130,7 +125,7 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[st
     if not speeds:
         raise InputError(
             f"profile {profile}: no batch of {BATCHES[device][0]} images: the {device} has too "
-            f"little memory for one, or data/split lists too few ({images})"
+            f"little memory, or data/split lists too few images ({images})"
         )
     best = max(speeds, key=lambda speed: speed["loop_images_per_s"])
     network = {"width": own.width, "depth": own.depth, "optimizer": own.optimizer}
@@ -139,12 +134,12 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[st
 
 
 def verdicts(profiles: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[str, Any]]:
-    """What is wanted of each profile, what was measured, and whether that is enough."""
+    """Target, measurement and verdict of each profile."""
     wanted = [
         (profile, aim, speeds[key])
         for profile, speeds in profiles.items()
         for aim, key in ((loop, "loop_over_step"), (MATCHING_AIM, "matching_and_mining_share"))
-        # In smaller networks, all work other than convolutions weighs more.
+        # In smaller networks, work other than convolutions takes a larger share.
         if aim is loop or profile == "paper"
     ]
     return [
@@ -154,31 +149,28 @@ def verdicts(profiles: Mapping[str, Mapping[str, Any]], loop: Aim) -> list[dict[
     ]  # fmt: skip
 
 
-def composed(profile: str) -> Config:
-    """The pipeline's configuration at a profile's sizes."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        # What Hydra fills in for a script that it starts.
-        overrides = ["out=.", f"variant_file={VARIANT}", f"variant={VARIANT}"]
-        overrides.append("variant.start=null")  # speed does not depend on the weights
-        # Of the few steps that are timed none is among the last ones of a training.
-        whole = "training.frozen_norm_share=0"
-        content = compose("config", [*overrides, f"profile={profile}", whole])
-    config = OmegaConf.to_container(content, resolve=True)
-    assert isinstance(config, dict)
-    return with_precision({str(key): value for key, value in config.items()})
+def recipe_of(profile: str) -> Recipe:
+    """The training of a profile, from random weights, which do not affect speed."""
+    # Without the frozen normalisation of a training's last steps.
+    whole = "training.frozen_norm_share=0"
+    settings = composed_settings(
+        ROOT, f"variant={VARIANT}", "variant.start=null", f"profile={profile}", whole
+    )
+    return training_recipe(settings).resolved()
 
 
-def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dict[str, float]:
-    """Speeds of one network at one batch size: medians over blocks of each kind, in turns.
+def timed(recipe: Recipe, device: torch.device, rounds: int) -> dict[str, float]:
+    """Speeds of one network at one batch size: medians over alternating blocks.
 
-    `loop_over_step` is the median of the rounds' own ratios: what else the machine does comes and
-    goes between rounds, but is much the same within one.
+    `loop_over_step` is the median of each round's ratio, because other load on the machine varies
+    between rounds, but little within one.
     """
-    module, steps = build_module(config, sizes), sizes.steps - WARM_UP
-    batch = first_batch(config, sizes, device)
+    sizes = recipe.size
+    module, steps = build_module(recipe), sizes.steps - WARM_UP
+    batch = first_batch(recipe, device)
     loop, alone, assigning = [], [], []
     for _ in range(rounds):
-        loop.append(loop_seconds(config, sizes, module) / steps)
+        loop.append(loop_seconds(recipe, module) / steps)
         module.to(device).train()
         alone.append(block_seconds(network_step(module, batch, sizes), steps) / steps)
         assigning.append(block_seconds(assignment(module, batch), steps) / steps)
@@ -193,33 +185,34 @@ def timed(config: Config, sizes: Size, device: torch.device, rounds: int) -> dic
     }
 
 
-def loop_seconds(config: Config, sizes: Size, module: ShaftModule) -> float:
+def loop_seconds(recipe: Recipe, module: ShaftModule) -> float:
     """Seconds of the training steps after the warm-up, without validation."""
+    sizes = recipe.size
     with tempfile.TemporaryDirectory() as folder:
-        trainer = build_trainer(config, sizes, Path(folder), Curves())
+        trainer = build_trainer(recipe, Path(folder), Curves())
         trainer.limit_val_batches = 0
         clock = Clock(WARM_UP, sizes.steps)
         trainer.callbacks.append(clock)  # type: ignore[attr-defined]
         skipped = SkippedImages(Path(folder) / "skipped_images.txt")
-        # Twice the stream: reading goes on until the end, as it does in a training.
-        more = replace(sizes, steps=2 * sizes.steps)
-        trainer.fit(module, training_data(config, variant(config), more, skipped))
+        # Twice the steps: reading continues to the end, as in a training.
+        more = replace(recipe, size=replace(sizes, steps=2 * sizes.steps))
+        trainer.fit(module, training_data(more, skipped))
     return clock.seconds
 
 
-def first_batch(config: Config, sizes: Size, device: torch.device) -> Batch:
-    """The batch that a training begins with."""
+def first_batch(recipe: Recipe, device: torch.device) -> Batch:
+    """The first batch of a training."""
     with tempfile.TemporaryDirectory() as folder:
         skipped = SkippedImages(Path(folder) / "skipped_images.txt")
-        data = training_data(config, variant(config), sizes, skipped)
+        data = training_data(recipe, skipped)
         batches: Iterator[Any] = iter(data.train_dataloader())
-        images, targets = next(batches)
-    return Batch(images.to(device), Targets(*(values.to(device) for values in targets)))
+        batch: Batch = move_data_to_device(next(batches), device)
+    return batch
 
 
 def network_step(module: ShaftModule, batch: Batch, sizes: Size) -> Callable[[], None]:
-    """Forward, loss, backward and the loop's own optimiser on the one batch."""
-    network, loss = module.network, module.loss
+    """Forward, loss, backward and the loop's optimiser on one batch."""
+    network = module.network
     configured: Any = module.configure_optimizers()
     optimizer = configured["optimizer"]
     mixed = torch.autocast(
@@ -230,22 +223,24 @@ def network_step(module: ShaftModule, batch: Batch, sizes: Size) -> Callable[[],
         optimizer.zero_grad()
         with mixed:
             outputs = network(normalise_images(batch.images))
-            terms = loss(outputs, batch.targets, network.defaults, network.pose_coder)
-        terms.total.backward()
+            terms = network.loss_terms(outputs, batch.targets)
+        terms["loss"].backward()
         optimizer.step()
 
     return step
 
 
 def assignment(module: ShaftModule, batch: Batch) -> Callable[[], object]:
-    """Matching and mining alone, on the outputs for the one batch."""
+    """Matching and mining alone, on the outputs for one batch."""
+    network = module.network
+    assert isinstance(network, SingleShotNetwork)
     with torch.no_grad():
-        outputs = module.network(normalise_images(batch.images))
-    return lambda: module.loss.assign(outputs, batch.targets, module.network.defaults)
+        outputs = network(normalise_images(batch.images))
+    return lambda: network.loss.assign(outputs, batch.targets, network.defaults)
 
 
 def block_seconds(step: Callable[[], object], steps: int) -> float:
-    """Seconds of so many steps, after the warm-up."""
+    """Seconds for a number of steps, after the warm-up."""
     for _ in range(WARM_UP):
         step()
     start = now()
@@ -255,7 +250,7 @@ def block_seconds(step: Callable[[], object], steps: int) -> float:
 
 
 def now() -> float:
-    """Seconds by the clock, when the GPU has done all that it was given."""
+    """Clock time in seconds, after the GPU has finished its queue."""
     if torch.cuda.is_available():
         torch.cuda.synchronize()
     return time.perf_counter()

@@ -1,33 +1,30 @@
-"""Stage `split`: which rendered images train, validate and test."""
+"""Stage `split`: the training, validation and test parts of the rendered images."""
 
 import logging
 from pathlib import Path
 
-from results import read_result
-from stage import Config, stage
-
-from shaftpose.config import SplitSettings, parse
 from shaftpose.dataset.split import split_images, write_split
+from shaftpose.json_files import read_result
+from shaftpose.settings.stage import stage
+from shaftpose.settings.tree import Settings
 
 logger = logging.getLogger(__name__)
 
 
 @stage
-def main(config: Config) -> None:
+def main(settings: Settings) -> None:
     """Write `train.csv`, `validation.csv` and `test.csv` to `out`."""
-    settings = parse(SplitSettings, config["split"], "params.yaml: split")
     sources = read_result(Path("data/validation/sources.json"), "validate")
-    split = split_images(sources, settings, config["seed"])
-    out = Path(config["out"])
-    write_split(split, out)
+    split = split_images(sources, settings.split, settings.seed)
+    write_split(split, settings.out)
     if split.left_out:
         logger.warning(
-            "%d images are in no part: their backgrounds are those of test images; "
-            "more backgrounds leave fewer out", len(split.left_out),
+            "%d images are left out, because they share backgrounds with test images; "
+            "with more backgrounds there are fewer", len(split.left_out),
         )  # fmt: skip
     logger.info(
-        "%d images train, %d validate and %d test; the lists are in %s",
-        len(split.train), len(split.validation), len(split.test), out,
+        "%d training, %d validation and %d test images; the lists are in %s",
+        len(split.train), len(split.validation), len(split.test), settings.out,
     )  # fmt: skip
 
 

@@ -1,13 +1,19 @@
-"""What tests of several folders share."""
+"""Fixtures shared by tests of several folders."""
 
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
+
+if TYPE_CHECKING:
+    from shaftpose.network.pose_bins import BinCoder
+    from shaftpose.network.pose_coding import RegressionCoder
+    from shaftpose.network.single_shot import SingleShotNetwork
 
 SIDE = 299
 BOXES = [[10.0, 20.0, 110.0, 220.0], [150.0, 10.0, 290.0, 90.0], [0.0, 0.0, 0.0, 0.0]]
@@ -15,10 +21,34 @@ SCORES = [0.75, 0.25, 0.0]
 POSES = [[1.0, -2.0, 20.0, 70.0, 123.0], [-8.0, 5.0, 31.0, 55.0, 350.0], [0.0] * 5]
 
 
+@pytest.fixture
+def pose_coder() -> "RegressionCoder":
+    """Regression over the ranges of params.yaml."""
+    from shaftpose.network.pose_coding import RegressionCoder  # torch is slow to import
+
+    return RegressionCoder(low=(-20, -20, 10, 50, 0), high=(20, 20, 40, 90, 358))
+
+
+@pytest.fixture
+def bin_coder() -> "BinCoder":
+    """The bins of conf/variant/b.yaml over the ranges of params.yaml."""
+    from shaftpose.network.pose_bins import BinCoder
+
+    return BinCoder((-20, -20, 10, 50, 0), (20, 20, 40, 90, 358), steps=(1, 1, 1, 5, 5))
+
+
+@pytest.fixture
+def tiny_network(pose_coder: "RegressionCoder") -> "SingleShotNetwork":
+    """Architecture D with reproducible weights."""
+    from tests.network.tiny import tiny_d
+
+    return tiny_d(pose_coder)
+
+
 @pytest.fixture(scope="session")
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An MLflow database without runs; to make one takes seconds, to copy it nothing."""
-    from mlflow import MlflowClient  # slow to import, for tests that do not need it
+    """An MLflow database without runs; creating one takes seconds, copying is instant."""
+    from mlflow import MlflowClient  # slow to import; most tests do not need it
 
     path = tmp_path_factory.mktemp("database") / "mlflow.db"
     MlflowClient(f"sqlite:///{path}").search_experiments()
@@ -27,7 +57,7 @@ def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def store(tmp_path: Path, database: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A project folder as the current one, with nothing but an MLflow database of its own."""
+    """A working directory that holds only its own MLflow database."""
     import mlflow
 
     from shaftpose import tracking

@@ -1,4 +1,4 @@
-"""Files that take their place when they are whole, and full disks."""
+"""Atomic file writes, and full disks."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def test_a_file_and_its_folder_are_made(tmp_path: Path) -> None:
 
 
 def test_a_link_that_may_not_be_written_to_keeps_what_it_has(tmp_path: Path) -> None:
-    """As DVC's cache: read-only, under a second name."""
+    """Like a file in DVC's cache: read-only, with a second hard link."""
     cached, output = tmp_path / "cached", tmp_path / "output"
     cached.write_text("old")
     output.hardlink_to(cached)

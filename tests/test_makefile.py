@@ -1,4 +1,4 @@
-"""What `make help` says is complete."""
+"""`make help` lists every target."""
 
 import re
 import shutil
@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "Makefile").read_text()
-# Target and what follows it; not `.PHONY` nor files such as `$(READY)`.
+# Target -> rest of its line, without `.PHONY` and files such as `$(READY)`.
 RULES = dict(re.findall(r"^([a-z][a-z%-]*):(?!=)(.*)$", TEXT, re.MULTILINE))
 
 

@@ -1,4 +1,4 @@
-"""Nested settings by one name each, by hand."""
+"""Flattening of nested settings, by hand."""
 
 from shaftpose.nested import flatten
 

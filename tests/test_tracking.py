@@ -63,7 +63,7 @@ def test_results_find_the_run_of_their_training(store: Path) -> None:
 
 
 def test_results_without_a_run_get_one(store: Path) -> None:
-    # As after `dvc pull` on another machine: models are there, the database is not.
+    # As after `dvc pull` on another machine: the models exist, the database does not.
     tracking.log_results("id-2", "c", {"mAP": 0.25}, {})
     tracking.log_results("id-2", "c", {"iou": 0.5}, {})
     (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
@@ -132,7 +132,7 @@ def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> No
     tracking.start_sweep(store, "sweep")
     with tracking.training_run("id-1", "d", {}, {}, store):
         mlflow.log_metrics({"validation/mAP": 0.5, "validation/tip_mm": 4.0}, step=2)
-        mlflow.log_metrics({"validation/mAP": 0.0}, step=3)  # nothing was found right any more
+        mlflow.log_metrics({"validation/mAP": 0.0}, step=3)  # no correct detection any more
     tracking.log_results("id-1", "d", {"tip_mm": 3.0}, {})  # of the test images
     assert [run.metrics for run in tracking.sweep_runs(store)] == [{"validation/mAP": 0.0}]
 

@@ -1,6 +1,6 @@
 """Check what pip cannot install: Python itself and the system libraries that Blender loads.
 
-Needs nothing but the standard library, so that it can run before anything is installed.
+Uses only the standard library, so that it can run before anything is installed.
 """
 
 import ctypes
@@ -23,7 +23,7 @@ LIBRARIES = {
 
 
 def main() -> None:
-    """Name what is missing and the line that installs it; status 1 if anything is."""
+    """Name missing packages and the command that installs them; status 1 if any are missing."""
     if sys.version_info[:2] != (3, 11):
         sys.exit(
             f"error: this is Python {sys.version.split()[0]}; Blender's module needs 3.11: install "

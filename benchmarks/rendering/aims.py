@@ -1,4 +1,4 @@
-"""What is wanted of the renderer."""
+"""Targets of the renderer."""
 
 from benchmarks.aims import Aim
 

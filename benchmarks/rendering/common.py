@@ -1,4 +1,4 @@
-"""What the parts of the rendering benchmark share: what is rendered, and processes of their own."""
+"""Shared parts of the rendering benchmark: the rendered set and subprocesses."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 
-from shaftpose.backgrounds.library import procedural_sources, read_library, write_library
+from shaftpose.backgrounds.library import procedural_sources, write_library
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.variations import VariationRanges
-from shaftpose.config import BackgroundSettings, RenderSettings, parse
-from shaftpose.rendering.jobs import RenderedSet
-from shaftpose.rendering.worker import start_generator
+from shaftpose.core.background_index import read_library
+from shaftpose.farm.worker import start_generator
+from shaftpose.rendering.rendered_set import RenderedSet
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import BackgroundSettings, RenderSettings
 
 if TYPE_CHECKING:
     from shaftpose.rendering.generator import Generator
@@ -36,7 +38,7 @@ def parameters() -> dict[str, Any]:
 
 
 def default_set() -> RenderedSet:
-    """The default settings with procedural backgrounds; how many images is for each part to say."""
+    """The default settings with procedural backgrounds; each part sets the number of images."""
     values = parameters()
     size = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())[PROFILE]
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
@@ -47,7 +49,7 @@ def default_set() -> RenderedSet:
 
 
 def _backgrounds(values: dict[str, Any], size_px: int) -> dict[Path, str]:
-    """Painted anew each time, to the same bytes: file -> id of its source."""
+    """Backgrounds, file -> id of its source; regenerated each time with the same bytes."""
     settings = parse(BackgroundSettings, values["backgrounds"], "params.yaml: backgrounds")
     ranges = VariationRanges(settings.hue_deg, settings.saturation, settings.brightness)
     sources, out = procedural_sources(_SOURCES, SEED, size_px, MUCOSA), SCRATCH / "backgrounds"
@@ -58,17 +60,17 @@ def _backgrounds(values: dict[str, Any], size_px: int) -> dict[Path, str]:
 def in_processes(
     function: Callable[[Argument], Result], arguments: Iterable[Argument], at_once: int
 ) -> list[Result]:
-    """`function` of each argument, each in a new process, for Blender holds one scene per process
-    and hangs in a fork."""
+    """`function` of each argument, each in a new process: Blender holds one scene per process and
+    hangs in a fork."""
     with ProcessPoolExecutor(at_once, get_context("spawn"), max_tasks_per_child=1) as pool:
         return list(pool.map(function, arguments))
 
 
 @contextmanager
 def quiet_generator(rendered: RenderedSet) -> Iterator["Generator"]:
-    """The generator of a set, for one process; Blender's chatter is left out."""
+    """The generator of a set, for one process; hides Blender's output."""
     generator = start_generator(rendered)
-    # Blender is imported only in here: the process that starts others shall not hold it.
+    # Imported only here: a parent process must not load Blender.
     from shaftpose.rendering.silhouette import blender_output_hidden
 
     with blender_output_hidden():

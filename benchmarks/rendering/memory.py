@@ -1,7 +1,7 @@
 """Resident memory of one worker process over many images.
 
-It is that of the process that renders. The Dask worker that starts one such process after another
-is not counted; it holds no image.
+Only the rendering process is measured. The Dask worker that starts it is not counted; it holds no
+image.
 """
 
 import subprocess
@@ -13,16 +13,17 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.rendering.common import SCRATCH
+from shaftpose.core.shards import shard_name
 from shaftpose.errors import InputError
-from shaftpose.rendering.jobs import RenderedSet, Shard, write_set
-from shaftpose.rendering.worker import IMAGE_DONE
-from shaftpose.shards import shard_name
+from shaftpose.farm.jobs import write_set
+from shaftpose.farm.worker import IMAGE_DONE
+from shaftpose.rendering.rendered_set import RenderedSet, Shard
 
-EVERY = 50  # images between two looks
+EVERY = 50  # images between two measurements
 
 
 def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
-    """Growth after the first `settled` images, and the peak of all the time, in MiB."""
+    """Relative growth after the first `settled` images, and the overall peak in MiB."""
     with TemporaryDirectory(dir=SCRATCH) as name:
         shard = Shard(Path(name) / shard_name(0), 0, images)
         write_set(replace(rendered, images=images, images_per_shard=images), Path(name))
@@ -42,9 +43,9 @@ def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
 
 
 def _looks(shard: Shard) -> Iterator[dict[str, float]]:
-    """The memory of a worker at every so many images of its shard."""
+    """The memory of a worker after every `EVERY` images of its shard."""
     arguments = [str(value) for value in (shard.path, shard.first, shard.count)]
-    command = [sys.executable, "-m", "shaftpose.rendering.worker", *arguments]
+    command = [sys.executable, "-m", "shaftpose.farm.worker", *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
         images = 0
@@ -56,7 +57,7 @@ def _looks(shard: Shard) -> Iterator[dict[str, float]]:
 
 
 def memory_mib(pid: int) -> dict[str, float]:
-    """MiB that a process holds now (`VmRSS`) and has held at most (`VmHWM`), as Linux says."""
+    """Current (`VmRSS`) and peak (`VmHWM`) memory of a process in MiB, from Linux."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     sizes = (line.split() for line in lines if line.startswith(("VmRSS:", "VmHWM:")))
     return {name.rstrip(":"): int(kib) / 1024 for name, kib, _ in sizes}

@@ -1,4 +1,4 @@
-"""Our images beside those of a plain script, of the same scenes on the same cores."""
+"""Comparison with a plain script that renders the same scenes on the same cores."""
 
 import json
 import subprocess
@@ -12,15 +12,16 @@ from typing import Any
 
 from benchmarks.rendering.common import ROOT, SCRATCH, in_processes, quiet_generator
 from benchmarks.rendering.scenes import write_first_scenes
-from shaftpose.rendering.jobs import RenderedSet, write_set
-from shaftpose.shards import encode_sample
+from shaftpose.core.shards import encode_sample
+from shaftpose.farm.jobs import write_set
+from shaftpose.rendering.rendered_set import RenderedSet
 
 _PROCESSES = 2
 
 
 @dataclass(frozen=True)
 class Task:
-    """What one of our processes makes: the first `poses` images of a set, `rounds` times."""
+    """Work of one of our processes: the first `poses` images of a set, `rounds` times."""
 
     rendered: RenderedSet
     poses: int
@@ -28,8 +29,8 @@ class Task:
 
 
 def measure(rendered: RenderedSet, poses: int, rounds: int) -> dict[str, Any]:
-    """Seconds per image of both, without their start: one process of theirs with all cores, and
-    two of ours with a core each, up to encoded image and annotations."""
+    """Seconds per image of both, without start-up: one plain process on all cores, and two of ours
+    on one core each, up to the encoded image and annotations."""
     ours = [Task(rendered, poses, rounds)] * _PROCESSES
     ours_s = mean(in_processes(_seconds, ours, at_once=_PROCESSES)) / _PROCESSES
     plain_s = mean(_plain_seconds(rendered, poses))
@@ -46,7 +47,7 @@ def _seconds(task: Task) -> float:
     """Seconds per image of one process."""
     rendered = task.rendered
     with quiet_generator(rendered) as generator:
-        generator.sample(task.poses)  # the first render builds what later ones find
+        generator.sample(task.poses)  # the first render fills caches
         start = perf_counter()
         for _ in range(task.rounds):
             for index in range(task.poses):

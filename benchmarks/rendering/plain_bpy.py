@@ -1,10 +1,10 @@
-"""A renderer as people write it first: `python -m benchmarks.rendering.plain_bpy SET`.
+"""A straightforward renderer as baseline: `python -m benchmarks.rendering.plain_bpy SET`.
 
-SET is a folder with the description of a rendered set and the scenes of its first images, which are
-rendered into it.
-Blender's defaults stay, denoiser and adaptive sampling among them, but for 64 samples: every frame
-is rendered in full on all cores, written as PNG, and rendered once more, flat white, for its mask.
-Mesh, materials, light and poses are those of the project. Seconds per image go to `plain.json`.
+SET is a folder with the description of a rendered set and the scenes of its first images; the
+images are written there. Blender's defaults are kept, including denoiser and adaptive sampling,
+except for 64 samples: every full frame is rendered on all cores, written as PNG, and rendered
+again, flat white, for its mask. Mesh, materials, light and poses are the project's. Seconds per
+image go to `plain.json`.
 """
 
 import json
@@ -18,29 +18,29 @@ import bpy
 import numpy as np
 
 from benchmarks.rendering.scenes import read_first_scenes
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import ShaftPose
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.farm.jobs import read_set
 from shaftpose.rendering.blender import kelvin_to_rgb, lamp_places, room_half_mm, room_mesh
-from shaftpose.rendering.jobs import read_set
 from shaftpose.rendering.materials import GlowMaterial, SteelMaterial
 from shaftpose.rendering.meshes import Mesh
 from shaftpose.rendering.optics import pinhole_behind
 from shaftpose.rendering.scene import Light, Scene, Steel
 from shaftpose.rendering.shapes import instrument_shape
+from shaftpose.settings.parts import RenderSettings
 
 _SAMPLES = 64
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's camera looks along -z with y up
 
 
 def main() -> None:
-    """Render the images and note the seconds of each."""
+    """Render the images and record the seconds of each."""
     folder = Path(sys.argv[1])
     rendered = read_set(folder)
     studio = build(rendered.settings)
     seconds = []
     scenes = read_first_scenes(folder)
     show(studio, scenes[0], rendered.settings)
-    write(studio, folder / "first")  # it loads what later ones find loaded
+    write(studio, folder / "first")  # warm-up
     for number, scene in enumerate(scenes):
         start = perf_counter()
         show(studio, scene, rendered.settings)
@@ -51,7 +51,7 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Studio:
-    """What stays from image to image."""
+    """The objects shared by all images."""
 
     lamps: list[Any]
     room: Any
@@ -60,7 +60,7 @@ class Studio:
 
 
 def build(settings: RenderSettings) -> Studio:
-    """A file with camera, lamps and the room of background images."""
+    """Set up camera, lamps and the room of background images."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
@@ -81,7 +81,7 @@ def build(settings: RenderSettings) -> Studio:
 
 
 def add_lamp(x_mm: float, y_mm: float) -> Any:
-    """A light guide beside the lens."""
+    """A light guide next to the lens."""
     data = bpy.data.lights.new("light guide", "AREA")
     data.shape, data.size = "DISK", 1.5
     lamp = add("light guide", data)
@@ -90,7 +90,7 @@ def add_lamp(x_mm: float, y_mm: float) -> Any:
 
 
 def show(studio: Studio, scene: Scene, settings: RenderSettings) -> None:
-    """Put background, light and shafts of one image in place of the last one's."""
+    """Replace background, light and shafts by those of one image."""
     studio.glow.apply(bpy.data.images.load(str(scene.background)), scene.light.ambient)
     for lamp in studio.lamps:
         light(lamp, scene.light, len(studio.lamps))
@@ -101,7 +101,7 @@ def show(studio: Studio, scene: Scene, settings: RenderSettings) -> None:
 
 
 def light(lamp: Any, wanted: Light, lamps: int) -> None:
-    """Set one of so many lamps."""
+    """Set one of `lamps` lamps."""
     lamp.data.energy = wanted.strength / lamps
     lamp.data.color = kelvin_to_rgb(wanted.kelvin)
 
@@ -134,7 +134,7 @@ def add(name: str, data: Any) -> Any:
 
 
 def write(studio: Studio, path: Path) -> None:
-    """Render the image, then the mask of all shafts: white before black, at one sample."""
+    """Render the image, then the mask of all shafts: white on black, at one sample."""
     scene, layer = bpy.context.scene, bpy.context.view_layer
     scene.cycles.samples, scene.cycles.use_denoising = _SAMPLES, True
     scene.render.filepath = str(path.with_suffix(".png"))

@@ -1,4 +1,4 @@
-"""Where the time of one image goes."""
+"""Time profile of one image."""
 
 from cProfile import Profile
 from dataclasses import dataclass, replace
@@ -11,10 +11,10 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
-from shaftpose.rendering.jobs import RenderedSet
-from shaftpose.shards import ShardWriter, shard_name
+from shaftpose.core.shards import ShardWriter, shard_name
+from shaftpose.rendering.rendered_set import RenderedSet
 
-# The functions whose time, with all that they call, a step is.
+# The functions of each step; their time includes everything they call.
 STEPS = {
     "pose sampling": ["shaftpose.rendering.scene:SceneSampler.candidates"],
     "rendering": ["shaftpose.rendering.blender:Renderer.render"],
@@ -28,14 +28,14 @@ STEPS = {
         "shaftpose.rendering.generator:_masks",
         "shaftpose.rendering.generator:Generator._instrument",
     ],
-    "JPEG and tar": ["shaftpose.shards:ShardWriter.write"],
+    "JPEG and tar": ["shaftpose.core.shards:ShardWriter.write"],
 }
-_MORE = 8  # times the samples, to tell path tracing from all else that Blender does
+_MORE = 8  # times the samples, to separate path tracing from Blender's other work
 
 
 @dataclass(frozen=True)
 class Task:
-    """What one process renders under the profiler."""
+    """Work of one process under the profiler."""
 
     rendered: RenderedSet
     images: int
@@ -44,8 +44,8 @@ class Task:
 def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
     """Milliseconds of one image by step, the mean over `images` after the first, on one core.
 
-    Blender does not say what it spends on path tracing. It is what a set of more samples takes
-    longer, divided by how many more there are.
+    Blender does not report the time of path tracing. It is the extra time of a set with more
+    samples, scaled to the set's own number of samples.
     """
     samples = rendered.settings.samples
     more = replace(rendered, settings=replace(rendered.settings, samples=_MORE * samples))
@@ -60,7 +60,7 @@ def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
 
 
 def _profile(task: Task) -> dict[str, float]:
-    """Milliseconds per image of each step and of all together."""
+    """Milliseconds per image of each step and in total."""
     rendered = task.rendered
     with TemporaryDirectory(dir=SCRATCH) as folder, quiet_generator(rendered) as generator:
         shard = Path(folder) / shard_name(0)
@@ -77,13 +77,13 @@ def _profile(task: Task) -> dict[str, float]:
 
 
 def _seconds(profile: Profile, *names: str) -> float:
-    """Seconds in functions and in all that they call."""
+    """Seconds in functions and everything they call."""
     known = Stats(profile).stats  # type: ignore[attr-defined]
     return sum(known[key][3] for key in map(_key, names) if key in known)
 
 
 def _key(name: str) -> tuple[str, int, str]:
-    """How the profiler calls a function, given as `module:name`."""
+    """The profiler's key of a function `module:name`."""
     module, _, path = name.partition(":")
     code = attrgetter(path)(import_module(module)).__code__
     return code.co_filename, code.co_firstlineno, code.co_name

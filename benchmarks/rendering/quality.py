@@ -1,4 +1,4 @@
-"""How near images are to what infinitely many samples would show, and what nearness costs."""
+"""Image quality relative to a reference with very many samples, and its cost."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
-from shaftpose.rendering.jobs import RenderedSet
-from shaftpose.shards import Sample
+from shaftpose.core.shards import Sample
+from shaftpose.rendering.rendered_set import RenderedSet
 
 _PROCESSES = 2
 
@@ -21,7 +21,7 @@ _PROCESSES = 2
 class Task:
     """Images of a set for one process; its number of samples must stay the same.
 
-    references: the folder of the images they are compared with, or are written to.
+    references: folder of the reference images to compare with or to write.
     """
 
     rendered: RenderedSet
@@ -32,8 +32,8 @@ class Task:
 def measure(
     rendered: RenderedSet, poses: int, reference_samples: int, sample_counts: Iterable[int]
 ) -> dict[str, Any]:
-    """PSNR inside the visible masks, the median over `poses` images, before JPEG compression, by
-    the number of samples; seconds are the median of one image on one core."""
+    """Median PSNR over `poses` images inside the visible masks, before JPEG compression, by number
+    of samples, with the median seconds per image on one core."""
     references = _references(_with_samples(rendered, reference_samples), poses)
     default = rendered.settings.samples
     tasks = [
@@ -55,7 +55,7 @@ def _with_samples(rendered: RenderedSet, samples: int) -> RenderedSet:
 
 
 def _references(rendered: RenderedSet, poses: int) -> Path:
-    """A folder of the first `poses` images, kept for the next run with the same software."""
+    """Folder with the first `poses` images, reused by runs with the same software."""
     folder = SCRATCH / f"reference-{rendered.fingerprint()}"
     folder.mkdir(parents=True, exist_ok=True)
     tasks = [Task(rendered, range(n, poses, _PROCESSES), folder) for n in range(_PROCESSES)]
@@ -88,7 +88,7 @@ def _compare(task: Task) -> dict[str, Any]:
 
 
 def _samples(rendered: RenderedSet, indices: Iterable[int]) -> Iterator[tuple[Sample, float]]:
-    """Images and the seconds that each took."""
+    """Images and the seconds for each."""
     with quiet_generator(rendered) as generator:
         for index in indices:
             start = perf_counter()
@@ -101,7 +101,7 @@ def _path(task: Task, index: int) -> Path:
 
 
 def _mask(sample: Sample) -> NDArray[np.bool_]:
-    """(H, W) what is visible of all shafts."""
+    """Visible mask (H, W) of all shafts."""
     mask: NDArray[np.bool_] = np.any([i.mask for i in sample.instruments], axis=0)
     return mask
 

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.rendering.common import in_processes, quiet_generator
-from shaftpose.config import from_json, to_json
-from shaftpose.rendering.jobs import RenderedSet
+from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.settings.parsing import from_json, to_json
 
 _FILE = "scenes.json"
 
 
 @dataclass(frozen=True)
 class FirstScenes:
-    """What images 0 .. count - 1 of a set show."""
+    """The scenes of images 0 .. count - 1 of a set."""
 
     scenes: tuple[Scene, ...]
 
@@ -25,18 +25,18 @@ class _Task:
 
 
 def write_first_scenes(rendered: RenderedSet, count: int, folder: Path) -> None:
-    """Find the scenes, in a process of their own, for one that has another Blender scene."""
+    """Find and write the scenes in a subprocess, for a caller with another Blender scene."""
     (found,) = in_processes(_first_scenes, [_Task(rendered, count)], at_once=1)
     (folder / _FILE).write_text(to_json(FirstScenes(found)))
 
 
 def read_first_scenes(folder: Path) -> tuple[Scene, ...]:
-    """The scenes that `write_first_scenes` has put into a folder."""
+    """The scenes that `write_first_scenes` wrote to a folder."""
     return from_json(FirstScenes, folder / _FILE).scenes
 
 
 def _first_scenes(task: _Task) -> tuple[Scene, ...]:
-    """Of each image the draw that the generator accepts: it may refuse the first."""
+    """The draw that the generator accepts for each image; it may reject the first."""
     rendered = task.rendered
     sampler = SceneSampler(rendered.settings, tuple(rendered.backgrounds), rendered.seed)
     scenes = []

@@ -1,4 +1,4 @@
-"""Images per second of the real path: Dask workers, shards, compositing, annotations, JPEG."""
+"""Images per second of the full path: Dask workers, shards, compositing, annotations, JPEG."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,21 +11,22 @@ from typing import Any
 from distributed import Client
 
 from benchmarks.rendering.common import SCRATCH, parameters
-from shaftpose.config import ClusterSettings, parse
-from shaftpose.rendering.cluster import connect
-from shaftpose.rendering.jobs import RenderedSet
-from shaftpose.rendering.scale_out import render_set
-from shaftpose.shards import shard_paths
+from shaftpose.core.shards import shard_paths
+from shaftpose.farm.cluster import connect
+from shaftpose.farm.scale_out import render_set
+from shaftpose.rendering.rendered_set import RenderedSet
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import ClusterSettings
 
 WORKERS = 2
 
 
 @dataclass(frozen=True)
 class Block:
-    """One run of workers with a shard each.
+    """One run of workers with a shard each; times in s.
 
-    start_s: until each worker has finished one image: scheduler, workers, Blender. wall_s: of the
-    whole run. shards_s: of each shard, without the start.
+    start_s: until each worker has finished one image (scheduler, workers, Blender). wall_s: whole
+    run. shards_s: each shard, without the start.
     """
 
     start_s: float
@@ -34,9 +35,8 @@ class Block:
 
 
 def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
-    """`images` by two workers, half of them by each; before that the first half by one worker, and
-    after it the second half, so that a machine that grows slower or faster meanwhile does so for
-    both."""
+    """Speed of two workers, with half of `images` each. One worker renders the first half before
+    and the second half after that, so that a drift of the machine's speed affects both."""
     share = images // WORKERS
     whole = _part(rendered, WORKERS, share)
     with TemporaryDirectory(dir=SCRATCH) as name:
@@ -45,17 +45,17 @@ def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
         together = _block(whole, folder / "whole", WORKERS)
         shards = whole.shards(folder / "whole/scratch" / whole.fingerprint())
         size = sum(shard.path.stat().st_size for shard in shards)
-        shards[-1].path.unlink()  # the only one that the next run lacks
+        shards[-1].path.unlink()  # the only shard missing in the next run
         after = _block(whole, folder / "whole", workers=1)
     speeds = summary(share, together, [before, after])
     return {**speeds, "bytes_per_image": size / (WORKERS * share)}
 
 
 def summary(share: int, together: Block, alone: Sequence[Block]) -> dict[str, Any]:
-    """What a run of all workers says, and one of each of its shards by a worker alone.
+    """Speeds from a run of all workers and from runs of each shard by one worker alone.
 
-    share: images of a shard. Of two shards one is finished first, and its worker has nothing to do;
-    of many there is a next one. The speeds after the start are therefore those of shards.
+    share: images per shard. With only two shards, the faster worker idles at the end, unlike with
+    many. Speeds after the start are therefore based on the times of shards.
     """
     together_s = mean(together.shards_s)
     alone_s = mean(seconds for block in alone for seconds in block.shards_s)
@@ -73,7 +73,7 @@ def summary(share: int, together: Block, alone: Sequence[Block]) -> dict[str, An
 
 
 def _block(rendered: RenderedSet, folder: Path, workers: int) -> Block:
-    """Render the shards of a set that `folder` lacks, as many as there are workers."""
+    """Render the missing shards of a set in `folder`, one per worker."""
     local = {"workers": workers, "address": None, "slurm": None}
     cluster = parse(ClusterSettings, parameters()["cluster"] | local, "params.yaml: cluster")
     start = time()
@@ -96,6 +96,6 @@ def _part(rendered: RenderedSet, shards: int, size: int) -> RenderedSet:
 
 
 def _render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float) -> list[float]:
-    """Render what `folder` lacks of a set; when each of its shards was finished, s since 1970."""
+    """Render the missing shards of a set; returns the end time of each shard, s since 1970."""
     render_set(rendered, folder / "scratch", folder / "out", client, hang_s)
     return [path.stat().st_mtime for path in shard_paths(folder / "out")]

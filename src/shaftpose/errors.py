@@ -1,4 +1,4 @@
-"""The one exception type for everything a user can mend."""
+"""The exception type for all errors that the user can fix."""
 
 
 class InputError(ValueError):

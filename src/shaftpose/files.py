@@ -1,4 +1,4 @@
-"""Files that are whole or not there, and disks that are full."""
+"""Atomic file writes, and full disks."""
 
 import errno
 from collections.abc import Iterator
@@ -10,11 +10,10 @@ from shaftpose.errors import InputError
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """A path to write to, beside `path`, which becomes `path` when it is whole; makes the folder if
-    needed.
+    """Yield a temporary path that replaces `path` on success; create its folder if needed.
 
-    A file that was there is not written to but replaced: it may be a hard link into DVC's cache,
-    which must not change.
+    An existing file is replaced, not written to: it may be a hard link into DVC's cache, which must
+    not change.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.part")
@@ -34,6 +33,6 @@ def naming_full_disk(folder: Path) -> Iterator[None]:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         raise InputError(
-            f"{folder}: {error.strerror}; make room there and run it again: finished shards are "
-            "kept"
+            f"{folder}: {error.strerror}; make room there and run the command again: finished "
+            "shards are kept"
         ) from error

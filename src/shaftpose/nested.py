@@ -1,4 +1,4 @@
-"""Nested settings and results by one name each."""
+"""Flattening of nested settings and results."""
 
 from collections.abc import Mapping
 from typing import Any

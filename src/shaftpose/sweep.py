@@ -1,4 +1,4 @@
-"""Hydra's multirun as nested MLflow runs: the place where the two meet."""
+"""Hydra callback that tracks a multirun as nested MLflow runs."""
 
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,10 @@ from omegaconf import DictConfig
 
 
 class SweepTracking(Callback):
-    """Opens the parent run before any job of a sweep starts, also where jobs run in parallel."""
+    """Opens the parent run before any job of a sweep starts, even if jobs run in parallel."""
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Create database, experiment and parent run; note the run in the sweep's folder."""
+        """Create database, experiment and parent run; record the run in the sweep's folder."""
         from shaftpose import tracking  # Hydra loads this module in every stage; MLflow is slow
 
         tracking.connect(**config.tracking)

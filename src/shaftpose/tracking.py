@@ -1,7 +1,7 @@
-"""Experiment tracking: the only place that knows MLflow.
+"""Experiment tracking; the only module that uses MLflow.
 
-A training has an id of its own, kept beside its checkpoint and as a tag of its run: stages that
-follow find the run by it, also where the database was not copied along with the models.
+Each training has its own id, stored next to its checkpoint and as a tag of its run. Later stages
+find the run by this id, or create one if the database was not copied along with the models.
 """
 
 import logging
@@ -40,17 +40,17 @@ _TRIES = 5
 
 
 def connect(uri: str | None, experiment: str) -> str:
-    """Select server and experiment for this process; returns the URI.
+    """Select server and experiment for this process; return the URI.
 
-    uri: of an MLflow server; None: the environment's MLFLOW_TRACKING_URI, else `mlflow.db` in the
-    project's folder, with artifacts in `mlruns`.
+    uri: an MLflow server; None selects MLFLOW_TRACKING_URI if set, else `mlflow.db` in the project
+    folder, with artifacts in `mlruns`.
     """
     root = workspace(Path.cwd())
     uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
     mlflow.set_tracking_uri(uri)
     logging.getLogger("mlflow").setLevel(logging.WARNING)
     location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
-    # Trainings may start side by side: one of them creates database and experiment.
+    # Trainings may start concurrently: only one of them creates database and experiment.
     with FileLock(root / ".mlflow.lock"):
         if mlflow.get_experiment_by_name(experiment) is None:
             mlflow.create_experiment(experiment, artifact_location=location)
@@ -59,8 +59,8 @@ def connect(uri: str | None, experiment: str) -> str:
 
 
 def workspace(folder: Path) -> Path:
-    """The user's own copy of the project: `dvc exp run --queue` works in a copy below
-    `.dvc/tmp/exps`, and what is tracked there must outlive it."""
+    """The user's project folder. `dvc exp run --queue` works in a copy below `.dvc/tmp/exps`; its
+    tracked runs must outlive that copy."""
     parts = folder.resolve().parts
     for n, part in enumerate(parts):
         if part == ".dvc" and parts[n + 1 : n + 3] == ("tmp", "exps"):
@@ -76,13 +76,13 @@ def training_run(
     dataset: Mapping[str, str],
     sweep_folder: Path,
 ) -> "Iterator[MLFlowLogger]":
-    """The MLflow run of one training, with system metrics; yields Lightning's logger for it.
+    """Open the MLflow run of one training, with system metrics; yield Lightning's logger for it.
 
-    A training that was interrupted goes on in the run that it has.
-    parameters: nested, logged flat; dataset: name -> digest of what is trained on;
-    sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's.
+    A resumed training continues its existing run.
+    parameters: nested, logged flat; dataset: name -> digest of the training data;
+    sweep_folder: if `start_sweep` was called for it, the run is nested under the sweep's run.
     """
-    from lightning.pytorch.loggers import MLFlowLogger  # seconds, which only trainings wait
+    from lightning.pytorch.loggers import MLFlowLogger  # slow to import; only trainings need it
 
     parent, known = _read_parent(sweep_folder), _find_run(training_id)
     with mlflow.start_run(
@@ -111,9 +111,9 @@ def _log_origin(parameters: Mapping[str, Any], dataset: Mapping[str, str]) -> No
 
 
 def start_sweep(folder: Path, name: str) -> None:
-    """Create the parent run of a sweep before its jobs start, and note it in the sweep's folder.
+    """Create the parent run of a sweep before its jobs start; record it in the sweep's folder.
 
-    A sweep that was interrupted and goes on in its folder keeps the parent run that it has.
+    A resumed sweep keeps its parent run, if the database still holds it.
     """
     known = _read_parent(folder)
     if known is not None and _is_in_database(known):
@@ -125,8 +125,8 @@ def start_sweep(folder: Path, name: str) -> None:
 
 
 class SweepRun(NamedTuple):
-    """A training of a sweep: MLflow's id, whether it came to its end, its parameters, the steps
-    that it took until its last validation and the metrics of that, such as `validation/mAP`."""
+    """A training of a sweep: MLflow's run id, whether it finished, its parameters, the steps up to
+    its last validation and the metrics of that validation, such as `validation/mAP`."""
 
     run_id: str
     finished: bool
@@ -136,10 +136,10 @@ class SweepRun(NamedTuple):
 
 
 def sweep_runs(folder: Path) -> list[SweepRun]:
-    """The trainings of a sweep, in the order of their start, unfinished ones included.
+    """The trainings of a sweep in start order, including unfinished ones.
 
-    Of those with the same parameters the last one: a job is trained anew if code or data change.
-    Raises InputError if no sweep was tracked from `folder`.
+    Of trainings with equal parameters only the last is returned: a job is retrained if code or data
+    change. Raises InputError if no sweep was tracked from `folder`.
     """
     parent = _read_parent(folder)
     if parent is None:
@@ -158,10 +158,9 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
 
 
 def _validation(run: Run) -> tuple[int, dict[str, float]]:
-    """The steps that a run took until its last validation, and the metrics of that.
+    """The steps of a run up to its last validation, and the metrics of that validation.
 
-    Not the last value of each: one that the last validation lacks, as it lacks pose errors if
-    nothing was found, would be of an earlier step than the others.
+    A metric's own last value may be older: pose errors are missing if nothing was found.
     """
     client = mlflow.MlflowClient()
     names = [name for name in run.data.metrics if name.startswith("validation/")]
@@ -185,7 +184,7 @@ def _is_in_database(run_id: str) -> bool:
 def log_results(
     training_id: str, name: str, metrics: Mapping[str, float | None], figures: Mapping[str, Path]
 ) -> None:
-    """Add test metrics (those that are known) and figures (title -> file) to a training's run."""
+    """Add test metrics (None is skipped) and figures (title -> file) to a training's run."""
     known = {key: float(value) for key, value in metrics.items() if value is not None}
     with mlflow.start_run(run_id=_run_of(training_id, name)):
         mlflow.log_metrics(known)
@@ -213,9 +212,9 @@ def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> 
 
 
 def register_champion(training_id: str, name: str, rule: str) -> None:
-    """Register the model that was last exported of a training and give it the alias `champion`.
+    """Register the last exported model of a training and give it the alias `champion`.
 
-    A run that does not hold the model, because it was logged to another database, is passed over.
+    Only warns if the run holds no model, because it was logged to another database.
     """
     client = mlflow.MlflowClient()
     model = _last_model(client, _run_of(training_id, name))
@@ -232,8 +231,8 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
 
 
 def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:
-    """The URI of the model that was logged to a run last, if any: each export logs one. One whose
-    files did not all arrive, or that was deleted, does not count."""
+    """The URI of the last model logged to a run, if any; each export logs one. Deleted models and
+    incomplete uploads do not count."""
     run = client.get_run(run_id)
     found = client.search_logged_models(
         [run.info.experiment_id],
@@ -245,15 +244,15 @@ def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:
 
 
 def _champion(client: mlflow.MlflowClient) -> str | None:
-    """The URI of the model that is champion now."""
+    """The URI of the current champion, if any."""
     try:
         return str(client.get_model_version_by_alias(MODEL_NAME, CHAMPION).source)
-    except mlflow.exceptions.MlflowException:  # there is none yet
+    except mlflow.exceptions.MlflowException:  # no champion yet
         return None
 
 
 def _run_of(training_id: str, name: str) -> str:
-    """The run of a training; a new one if this database does not hold it."""
+    """The run id of a training; creates a run if this database lacks it."""
     known = _find_run(training_id)
     if known is not None:
         return known
@@ -270,14 +269,14 @@ def _find_run(training_id: str) -> str | None:
 
 
 def dataset_identity(lock: Path) -> dict[str, str]:
-    """Path -> DVC hash of every output of the data stages that `dvc.lock` knows."""
+    """Path -> DVC hash of every output of the data stages in `dvc.lock`."""
     stages = _locked_stages(lock)
     outs = [out for name, entry in stages.items() if "@" not in name for out in entry["outs"]]
     return {out["path"]: out["md5"] for out in outs if out["path"].startswith("data/")}
 
 
 def _locked_stages(lock: Path) -> dict[str, Any]:
-    """The stages of a `dvc.lock`; another `dvc repro` may be writing it just now."""
+    """The stages in `dvc.lock`; retries because another `dvc repro` may be writing the file."""
     for _ in range(_TRIES):
         if not lock.is_file():
             return {}
@@ -286,5 +285,5 @@ def _locked_stages(lock: Path) -> dict[str, Any]:
             return stages
         except (yaml.YAMLError, TypeError, KeyError):
             time.sleep(0.5)
-    logger.warning("%s cannot be read: the run lacks the hashes of its data", lock)
+    logger.warning("%s cannot be read: the run will lack the hashes of its data", lock)
     return {}

@@ -6,17 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from shaftpose.backgrounds.library import (
-    Background,
-    procedural_sources,
-    read_library,
-    read_source_images,
-    write_library,
-)
+from shaftpose.backgrounds.library import procedural_sources, read_source_images, write_library
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.core.background_index import Background, read_library
+from shaftpose.core.images import centre_square
 from shaftpose.errors import InputError
-from shaftpose.images import centre_square
 
 RANGES = VariationRanges(hue_deg=(-10, 10), saturation=(0.8, 1.2), brightness=(0.6, 0.8))
 RED = np.full((20, 30, 3), (200, 40, 30), dtype=np.uint8)
@@ -69,7 +64,7 @@ def test_a_file_that_may_not_be_read_is_skipped_and_named(
             raise PermissionError(13, "Permission denied", str(path))
         return read_bytes(path)
 
-    # The administrator may read any file: a file's mode would not do.
+    # root can read any file, so its mode has no effect.
     monkeypatch.setattr(Path, "read_bytes", refuse)
     images = read_source_images(tmp_path)
     with caplog.at_level(logging.WARNING):

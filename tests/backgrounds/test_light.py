@@ -9,12 +9,12 @@ SIZE = 64
 
 
 def plane(depth: float) -> np.ndarray:
-    """Heights of a wall across the view."""
+    """Heights of a flat wall facing the camera."""
     return np.full((SIZE, SIZE), -np.log(depth) / VIEW, dtype=np.float32)
 
 
 def test_a_tilted_plane_has_one_normal() -> None:
-    """The plane a X + b Y + c Z = 1 has on the ray (u, v, 1) the depth 1 / (a u + b v + c)."""
+    """On the ray (u, v, 1) the plane a X + b Y + c Z = 1 has the depth 1 / (a u + b v + c)."""
     a, b, c = 0.3, -0.2, 0.8
     x, y = pixel_grid(SIZE)
     height = np.log(a * VIEW * x + b * VIEW * y + c) / VIEW

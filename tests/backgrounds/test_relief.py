@@ -9,13 +9,13 @@ RADIUS = (0.12, 0.42)
 def test_a_funnel_leads_away_and_leaves_the_wall_outside_alone() -> None:
     for seed in range(8):
         hole = funnel(np.random.default_rng(seed), SIZE)
-        # Its end is no further than a tube of which a quarter of the radius is seen, plus a ring.
+        # The end is at most as deep as a tube visible to a quarter of its radius, plus a ring.
         assert -np.log(4) / VIEW - 0.03 < hole.min() < -0.1
         assert hole.max() < 0.03
 
 
 def test_folds_come_before_the_wall() -> None:
-    """The same wall with and without folds: nothing lies further away than before."""
+    """The same wall with and without folds: folds move nothing further away."""
     for seed in range(4):
         bare, folded = (
             make_relief(np.random.default_rng(seed), SIZE, folds, RADIUS, opened=True)

@@ -43,7 +43,7 @@ def test_colours_vary_between_pictures(mucosa: np.ndarray) -> None:
 
 
 def test_colours_vary_within_pictures(mucosa: np.ndarray) -> None:
-    """Not one hue in light and shade: the ratio of red to green differs from place to place."""
+    """Hue varies, not only brightness: the ratio of red to green is not constant."""
     ratio = (mucosa[..., 1] + 1.0) / (mucosa[..., 0] + 1.0)
     assert np.median(ratio.std(axis=(1, 2))) > 0.03
 
@@ -65,7 +65,7 @@ def test_exposure_is_neither_black_nor_burnt_out(mucosa: np.ndarray) -> None:
 
 
 def test_near_is_bright_and_far_is_dark(mucosa: np.ndarray) -> None:
-    """The light falls off with distance: most pictures span more than a third of the scale."""
+    """Light falls off with distance: most images span more than a third of the scale."""
     dark, bright = np.quantile(mucosa.mean(axis=-1).reshape(len(mucosa), -1), [0.02, 0.98], axis=1)
     assert np.median(bright - dark) > 85
 
@@ -78,14 +78,14 @@ def test_highlights_saturate_and_are_small(mucosa: np.ndarray) -> None:
 
 
 def test_neighbouring_pixels_are_alike(mucosa: np.ndarray) -> None:
-    """Smooth folds, not noise: a slight blur takes away little of the contrast."""
+    """Smooth folds, not noise: a slight blur removes little contrast."""
     for picture in mucosa.astype(np.float32):
         detail = picture - cv2.GaussianBlur(picture, (0, 0), 1.5)
         assert detail.std() < 0.5 * picture.std()
 
 
 def test_the_stand_in_is_another_domain(mucosa: np.ndarray, stand_in: np.ndarray) -> None:
-    """Yellower: its green lies nearer to its red."""
+    """The stand-in is yellower: its green is closer to its red."""
     ratio_mucosa = mucosa[..., 1].mean() / mucosa[..., 0].mean()
     ratio_stand_in = stand_in[..., 1].mean() / stand_in[..., 0].mean()
     assert ratio_stand_in > ratio_mucosa + 0.08

@@ -38,7 +38,7 @@ def test_neutral_values_change_nothing() -> None:
 
 
 def test_small_turns_do_not_band() -> None:
-    """A ramp of hues, finer than OpenCV's 8-bit hue of two degrees, keeps its steps."""
+    """A ramp of hues finer than OpenCV's 8-bit step of two degrees keeps its steps."""
     ramp = np.stack([np.full(60, 255), np.arange(60), np.zeros(60)], axis=-1)[None].astype(np.uint8)
     assert len(np.unique(vary_colour(ramp, 5, 1, 1), axis=1)[0]) == 60
 

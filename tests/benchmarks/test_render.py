@@ -1,4 +1,4 @@
-"""The rendering benchmark's own arithmetic, and the scenes it compares itself on."""
+"""Calculations of the rendering benchmark, and the scenes of its comparison."""
 
 import json
 import subprocess
@@ -17,11 +17,13 @@ from benchmarks.rendering.memory import memory_mib
 from benchmarks.rendering.quality import psnr_db
 from benchmarks.rendering.scenes import read_first_scenes
 from benchmarks.rendering.throughput import Block, summary
-from shaftpose.config import RenderSettings, parse
-from shaftpose.images import write_jpeg
-from shaftpose.rendering.jobs import RenderedSet, Shard, write_set
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.farm.jobs import write_set
+from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
-from shaftpose.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import RenderSettings
 
 IMAGES = 4
 
@@ -77,8 +79,8 @@ def block(*shards_s: float, wall_s: float = 0.0) -> Block:
 
 
 def test_the_throughput_of_one_and_of_two_workers_by_hand() -> None:
-    """Shards of 51 images, so 50 after the first. The first one is the dearer one: alone 10 s and
-    6 s; together 11 s and 9 s, 20 s for both where 16 s would be perfect."""
+    """Shards of 51 images, so 50 after the first. The first shard is slower: alone 10 s and 6 s;
+    together 11 s and 9 s, i.e. 20 s where 16 s would be ideal."""
     found = summary(51, block(11.0, 9.0, wall_s=17.0), [block(10.0), block(6.0)])
     assert found["images_per_s"] == pytest.approx(6.0)  # 102 in 17 s
     assert found["two_worker_speedup"] == pytest.approx(1.6)
@@ -87,7 +89,7 @@ def test_the_throughput_of_one_and_of_two_workers_by_hand() -> None:
 
 @pytest.fixture
 def rendered(tmp_path: Path) -> RenderedSet:
-    """A set of which the generator refuses many a draw: lumps of tissue shall hide a given part."""
+    """A set with many rejected draws: lumps of tissue must hide a given share."""
     values = parameters()
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
     parts["scene"] = parts["scene"] | {"occluder_probability": 1, "occluder_coverage": [0.2, 0.5]}
@@ -100,12 +102,12 @@ def rendered(tmp_path: Path) -> RenderedSet:
     )
 
 
-# Whoever starts processes for Blender shall not hold it, as the process of the tests may.
+# A process that starts Blender processes must not load Blender, but the test process may have.
 WRITE_FIRST_SCENES = """
 import sys
 from pathlib import Path
 from benchmarks.rendering.scenes import write_first_scenes
-from shaftpose.rendering.jobs import read_set
+from shaftpose.farm.jobs import read_set
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 write_first_scenes(read_set(folder), count, folder)
 """
@@ -121,7 +123,7 @@ def test_the_plain_script_renders_the_scenes_of_our_images(
     )
     scenes = read_first_scenes(tmp_path)
     shard = Shard(tmp_path / shard_name(0), 0, IMAGES)
-    command = [sys.executable, "-m", "shaftpose.rendering.worker", str(shard.path), "0", count]
+    command = [sys.executable, "-m", "shaftpose.farm.worker", str(shard.path), "0", count]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.wait()
     facts = map(ShardedDataset(tmp_path).facts, map(sample_key, range(IMAGES)))

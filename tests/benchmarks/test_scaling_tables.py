@@ -20,8 +20,8 @@ from benchmarks.scaling_tables import (
     rounded,
     with_tables,
 )
-from shaftpose.config import from_json
 from shaftpose.errors import InputError
+from shaftpose.settings.parsing import from_json
 
 # 2 workers, 10 images/s: 0.2 core-seconds each.
 FOUND: dict[str, Any] = {
@@ -51,7 +51,7 @@ FOUND: dict[str, Any] = {
 
 @pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The benchmark's file, which the module reads."""
+    """The benchmark's results file read by the module."""
     path = tmp_path / "render.json"
     path.write_text(json.dumps(FOUND))
     monkeypatch.setattr(scaling_tables, "RESULTS", path)
@@ -97,8 +97,8 @@ def test_the_profile_has_the_longest_step_first(measured: Measured) -> None:
 
 
 def test_the_price_of_quality_by_hand(measured: Measured) -> None:
-    """32 samples: 1e5 images of 0.5 s on 16 cores, 52 min; two workers: 1.75 / 0.5 = 3.5 images/s,
-    where a plain script takes 3 s."""
+    """32 samples: 1e5 images of 0.5 s on 16 cores, 52 min; two workers: 1.75 / 0.5 = 3.5 images/s;
+    a plain script takes 3 s per image."""
     *_, middle, _, _, price = quality_table(measured).splitlines()
     assert middle == "| 32 | 38.2 | 0.500 | 52 minutes |"
     assert price.startswith(

@@ -1,6 +1,5 @@
-"""What `make bench-train` times is the work of a training."""
+"""`make bench-train` times the work of a real training."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,22 +7,21 @@ import pytest
 import torch
 from lightning import Trainer
 
+from benchmarks import training
+from benchmarks.training import assignment, block_seconds, network_step, recipe_of
+from shaftpose.core.instruments import Annotations
+from shaftpose.dataset.training_data import pad_batch
+from shaftpose.training.assembly import build_module
+from tests.pipeline.small_data import write_training_data
+
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-import training  # noqa: E402
-from training import assignment, block_seconds, composed, network_step  # noqa: E402
-
-from shaftpose.dataset.training_data import pad_batch  # noqa: E402
-from shaftpose.instruments import Annotations  # noqa: E402
-from tests.pipeline.small_data import write_training_data  # noqa: E402
 
 
 def test_the_papers_network_is_timed_and_a_smaller_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    paper, bench = (composed(profile)["size"] for profile in training.PROFILES)
-    assert (paper["width"], paper["depth"]) == (1.0, 1.0)
-    assert 0 < bench["width"] < 1 and 0 < bench["depth"] < 1
+    paper, bench = (recipe_of(profile).size for profile in training.PROFILES)
+    assert (paper.width, paper.depth) == (1.0, 1.0)
+    assert 0 < bench.width < 1 and 0 < bench.depth < 1
 
 
 def test_what_is_wanted_is_held_against_what_was_measured() -> None:
@@ -52,16 +50,15 @@ def test_both_speeds_of_each_batch_are_measured(
 
 def test_the_step_alone_trains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    config = composed("smoke")
-    sizes = training.size(config)
-    module = training.build_module(config, sizes).train()
+    recipe = recipe_of("smoke")
+    module = build_module(recipe).train()
     module.trainer = Trainer(accelerator="cpu", logger=False, enable_checkpointing=False)
     rgb = np.random.default_rng(0).integers(0, 256, (299, 299, 3), dtype=np.uint8)
     known = Annotations(np.array([[50.0, 50, 200, 200]]), np.array([[0.0, 0, 20, 70, 100]]))
     batch = pad_batch([(rgb, known)] * 2)
-    stem = next(module.network.parameters())  # what the gradient reaches last
+    stem = next(module.network.parameters())  # the gradient reaches it last
     before = stem.detach().clone()
-    assert block_seconds(network_step(module, batch, sizes), 1) > 0
+    assert block_seconds(network_step(module, batch, recipe.size), 1) > 0
     assert not torch.equal(stem, before)
     assigned = assignment(module, batch)()
     assert assigned.positive.any()

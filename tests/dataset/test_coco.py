@@ -7,21 +7,22 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from shaftpose.core.geometry import mask_box
+from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import (
     RealImage,
     RealInstrument,
     RealSample,
     check_masks,
     load_square,
-    mask_polygons,
-    polygon_mask,
     read_coco,
     read_pixels,
     write_coco,
 )
+from shaftpose.dataset.run_lengths import encode
 from shaftpose.errors import InputError
-from shaftpose.images import write_jpeg
 
 
 def write_image(path: Path, width: int, height: int) -> None:
@@ -72,9 +73,9 @@ def test_a_file_is_read_in_the_order_of_names(tmp_path: Path) -> None:
     assert a.instruments == ()
     # x, y, width, height 10, 5, 20, 30 is 10, 5, 30, 35.
     assert [shaft.box for shaft in b.instruments] == [(10, 5, 30, 35), (0, 0, 60, 40)]
-    polygons = b.instruments[0].polygons
-    np.testing.assert_array_equal(polygons, [[[10, 5], [30, 5], [30, 35], [10, 35]]])
-    assert b.instruments[1].polygons == ()
+    expected = np.zeros((40, 60), dtype=bool)
+    expected[5:35, 10:30] = True
+    assert [shaft.mask for shaft in b.instruments] == [encode(expected), None]
     assert [shaft.occluded for shaft in b.instruments] == [True, False]
 
 
@@ -228,6 +229,8 @@ def test_an_entry_that_holds_no_keys_is_named(tmp_path: Path, part: str) -> None
         [1, 2, 3, 4],  # two points
         [1, 2, 3, 4, 5, 6, 7],
         [1, 2, 3, 4, 5, float("inf")],
+        [1, 2, 3, 4, 5, float("nan")],
+        [1, 2, 3, 4, 5, -1e12],  # pycocotools would run out of memory
         [1, 2, 3, 4, 5, None],
         [1, 2, 3, 4, 5, "six"],
         [[1, 2], [3, 4], [5, 6]],
@@ -248,14 +251,22 @@ def run_lengths(*counts: int, size: tuple[int, int] = (40, 60)) -> dict[str, obj
     return {"counts": list(counts), "size": list(size)}
 
 
-def test_run_lengths_are_read_as_polygons(tmp_path: Path) -> None:
-    # Column by column of 40: rows 5 to 34 of columns 10 and 11, and nothing behind them.
+# Column by column of 40: rows 5 to 34 of columns 10 and 11, and nothing behind them.
+BAR = 405, 30, 10, 30, 1925
+# From the fourth on, a number is the difference to the one before the last: 405, 30, 10, 0, 1915.
+# A character is 48 + five bits of it, the lowest first, + 32 if more follow; the last one's highest
+# bit is the sign. 405: 21 + 32, 12. 30: 30 + 32, 0. 10. 0. 1915: 27 + 32, 27 + 32, 1.
+COMPRESSED_BAR = "e<n0:0kk1"
+
+
+@pytest.mark.parametrize("counts", [list(BAR), COMPRESSED_BAR])
+def test_run_lengths_are_read(tmp_path: Path, counts: object) -> None:
     content = coco_content()
-    content["annotations"][0]["segmentation"] = run_lengths(405, 30, 10, 30, 1925)
+    content["annotations"][0]["segmentation"] = {"counts": counts, "size": [40, 60]}
     shaft = read_coco(write_dataset(tmp_path, content))[1].instruments[0]
-    expected = np.zeros((60, 60), dtype=bool)
+    expected = np.zeros((40, 60), dtype=bool)
     expected[5:35, 10:12] = True
-    np.testing.assert_array_equal(polygon_mask(shaft.polygons, 60), expected)
+    assert shaft.mask == encode(expected)
 
 
 @pytest.mark.parametrize(
@@ -267,6 +278,16 @@ def test_run_lengths_are_read_as_polygons(tmp_path: Path) -> None:
         {"counts": [2400]},
         {"size": [40, 60]},
         {"counts": [1200.0, 1200.0], "size": [40, 60]},
+        {"counts": 2400, "size": [40, 60]},
+        {"counts": COMPRESSED_BAR, "size": [60, 40]},
+        {"counts": COMPRESSED_BAR},
+        {"counts": "e<n0:0jk1", "size": [40, 60]},  # the last number is one less
+        {"counts": "e<n0:0lk1", "size": [40, 60]},  # and one more
+        {"counts": "e<n0:0", "size": [40, 60]},
+        {"counts": "e<n0:0kk", "size": [40, 60]},  # cut in the middle of a number
+        {"counts": "e<n0:0kk1 ", "size": [40, 60]},
+        {"counts": "e<n0:0kk\u00e91", "size": [40, 60]},
+        {"counts": "", "size": [40, 60]},
     ],
 )
 def test_run_lengths_that_do_not_fill_the_image_are_named(
@@ -278,12 +299,6 @@ def test_run_lengths_that_do_not_fill_the_image_are_named(
     assert "annotations[0].segmentation: run lengths need the size [40, 60] of images/b.jpg" in (
         message
     )
-
-
-def test_compressed_run_lengths_are_refused(tmp_path: Path) -> None:
-    content = coco_content()
-    content["annotations"][0]["segmentation"] = {"counts": "eW41", "size": [40, 60]}
-    assert "compressed run lengths" in complaint(write_dataset(tmp_path, content))
 
 
 def test_crowds_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -301,7 +316,7 @@ def test_no_crowd_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -
     assert caplog.text == ""
 
 
-def test_a_shaft_without_polygons_is_named_where_masks_are_needed(tmp_path: Path) -> None:
+def test_a_shaft_without_a_mask_is_named_where_masks_are_needed(tmp_path: Path) -> None:
     path = write_dataset(tmp_path, coco_content())
     images = read_coco(path)
     check_masks(images[:1], path)  # a.jpg shows no shaft
@@ -339,7 +354,7 @@ def wide_image(folder: Path, *instruments: RealInstrument) -> RealImage:
 
 def box_only(*box: float) -> RealInstrument:
     x0, y0, x1, y1 = box
-    return RealInstrument((x0, y0, x1, y1), (), occluded=False)
+    return RealInstrument((x0, y0, x1, y1), None, occluded=False)
 
 
 def test_the_square_moves_boxes_by_hand(tmp_path: Path) -> None:
@@ -367,7 +382,7 @@ def test_the_square_cuts_and_drops_boxes(tmp_path: Path) -> None:
 
 
 def test_an_occluded_shaft_outside_of_the_square_does_not_count(tmp_path: Path) -> None:
-    outside = RealInstrument((0, 0, 100, 100), (), occluded=True)
+    outside = RealInstrument((0, 0, 100, 100), None, occluded=True)
     image = wide_image(tmp_path, outside, box_only(640, 360, 760, 720))
     assert not load_square(image, 299).occluded
 
@@ -378,15 +393,59 @@ def test_the_square_of_an_empty_image(tmp_path: Path) -> None:
     assert sample.masks == ()
 
 
-def test_the_square_moves_polygons(tmp_path: Path) -> None:
-    corners = np.array([[640, 360], [760, 360], [760, 720], [640, 720]], dtype=float)
-    shaft = RealInstrument((640, 360, 760, 720), (corners,), occluded=True)
-    sample = load_square(wide_image(tmp_path, shaft), 299)
-    rows, columns = np.nonzero(sample.masks[0])
-    # The box of 149.5 .. 199.3 and 149.5 .. 299 px, to a pixel.
-    np.testing.assert_allclose([columns.min(), columns.max() + 1], [149.5, 199.3], atol=1)
-    np.testing.assert_allclose([rows.min(), rows.max() + 1], [149.5, 299], atol=1)
+def masked(mask: NDArray[np.bool_], *box: float) -> RealInstrument:
+    """A shaft whose annotated box is the extent of its mask, unless another one is given."""
+    x0, y0, x1, y1 = box or mask_box(mask)
+    return RealInstrument((x0, y0, x1, y1), encode(mask), occluded=True)
+
+
+def test_the_square_moves_masks(tmp_path: Path) -> None:
+    mask = np.zeros((720, 1280), dtype=bool)
+    mask[360:720, 640:760] = True
+    sample = load_square(wide_image(tmp_path, masked(mask)), 299)
+    # As without a mask: x from 149.5 to 199.333, y from 149.5 to 299.
+    np.testing.assert_allclose(sample.boxes, [[149.5, 149.5, 598 / 3, 299]])
+    np.testing.assert_allclose(mask_box(sample.masks[0]), sample.boxes[0], atol=1)
     assert sample.occluded
+
+
+def test_a_mask_is_enlarged(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.jpg", 60, 40)
+    mask = np.zeros((40, 60), dtype=bool)
+    mask[5:20, 20:50] = True  # the square begins at column 10
+    sample = load_square(RealImage(tmp_path / "a.jpg", 60, 40, (masked(mask),)), 80)
+    np.testing.assert_allclose(sample.boxes, [[20, 10, 80, 40]])
+    expected = np.zeros((80, 80), dtype=bool)
+    expected[10:40, 20:80] = True
+    np.testing.assert_array_equal(sample.masks, [expected])
+
+
+def test_the_box_of_an_oblique_shaft_is_that_of_what_remains(tmp_path: Path) -> None:
+    """From corner to corner of 1920 x 1080, 40 px high: at column x around row 0.5625 x."""
+    polygon = [0, -20, 1920, 1060, 1920, 1100, 0, 20]
+    write_image(tmp_path / "a.jpg", 1920, 1080)
+    content = {
+        "images": [{"id": 1, "file_name": "a.jpg", "width": 1920, "height": 1080}],
+        "annotations": [{"image_id": 1, "bbox": [0, 0, 1920, 1080], "segmentation": [polygon]}],
+    }
+    path = tmp_path / "test.json"
+    path.write_text(json.dumps(content))
+    sample = load_square(read_coco(path)[0], 299)
+    # The square is columns 420 to 1500: 0.5625 * 420 - 20 = 216.25, 0.5625 * 1500 + 20 = 863.75.
+    expected = np.array([0, 216.25, 1080, 863.75]) * 299 / 1080
+    np.testing.assert_allclose(sample.boxes, [expected], atol=0.3)  # a pixel of the file is 0.28
+    np.testing.assert_allclose(mask_box(sample.masks[0]), expected, atol=1)
+    # The annotated box cut at the square would be all of it.
+    assert 0.59 < np.prod(sample.boxes[0, 2:] - sample.boxes[0, :2]) / 299**2 < 0.61
+
+
+def test_a_shaft_whose_mask_is_beside_the_square_is_dropped(tmp_path: Path) -> None:
+    beside = np.zeros((720, 1280), dtype=bool)
+    beside[:, 1000:] = True  # the square ends there
+    image = wide_image(tmp_path, masked(beside, 0, 0, 1280, 720), box_only(640, 360, 760, 720))
+    sample = load_square(image, 299)
+    assert len(sample.boxes) == len(sample.masks) == 1
+    assert not sample.occluded
 
 
 def blobs(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -405,48 +464,136 @@ def blobs(rng: np.random.Generator, size: int) -> np.ndarray:
     return filled.astype(bool) & (stats[parts, cv2.CC_STAT_AREA] >= 3)
 
 
+def square_mask(folder: Path, segmentation: object) -> NDArray[np.bool_]:
+    """The mask that a shaft of an image of 40 x 40 gets, whose central square is the image."""
+    write_image(folder / "a.jpg", 40, 40)
+    content = {
+        "images": [{"id": 1, "file_name": "a.jpg", "width": 40, "height": 40}],
+        "annotations": [{"image_id": 1, "bbox": [0, 0, 40, 40], "segmentation": segmentation}],
+    }
+    path = folder / "test.json"
+    path.write_text(json.dumps(content))
+    (image,) = read_coco(path)
+    (mask,) = load_square(image, 40).masks
+    return mask
+
+
+def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[float]:
+    """A polygon in COCO's order."""
+    return [x0, y0, x1, y0, x1, y1, x0, y1]
+
+
+@pytest.mark.parametrize(
+    ("polygons", "rows", "columns"),
+    [
+        # COCO's polygons lie on pixel edges: 10 .. 20 holds the ten pixels 10 to 19.
+        ([rectangle(10, 12, 20, 30)], slice(12, 30), slice(10, 20)),
+        ([rectangle(20, 30, 10, 12)], slice(12, 30), slice(10, 20)),  # from the other corner
+        ([rectangle(0, 0, 40, 40)], slice(0, 40), slice(0, 40)),
+        ([rectangle(0, 39, 40, 40)], slice(39, 40), slice(0, 40)),
+        ([rectangle(39, 39, 40, 40)], slice(39, 40), slice(39, 40)),
+        ([rectangle(-7, -9, 3, 55)], slice(0, 40), slice(0, 3)),
+        ([rectangle(38, -2, 300, 5)], slice(0, 5), slice(38, 40)),
+        ([rectangle(50, 10, 60, 20)], slice(0), slice(0)),  # beside the image
+        # Those that overlap or touch are united.
+        ([rectangle(5, 5, 15, 9), rectangle(10, 5, 22, 9)], slice(5, 9), slice(5, 22)),
+        ([rectangle(5, 5, 15, 9), rectangle(15, 5, 22, 9)], slice(5, 9), slice(5, 22)),
+    ],
+)
+def test_rectangles_on_pixel_edges(
+    tmp_path: Path, polygons: list[list[float]], rows: slice, columns: slice
+) -> None:
+    expected = np.zeros((40, 40), dtype=bool)
+    expected[rows, columns] = True
+    np.testing.assert_array_equal(square_mask(tmp_path, polygons), expected)
+
+
+def test_polygons_around_a_hole_leave_it(tmp_path: Path) -> None:
+    halves = [
+        [10, 10, 20, 10, 20, 14, 14, 14, 14, 26, 20, 26, 20, 30, 10, 30],
+        [20, 10, 30, 10, 30, 30, 20, 30, 20, 26, 26, 26, 26, 14, 20, 14],
+    ]
+    expected = np.zeros((40, 40), dtype=bool)
+    expected[10:30, 10:30] = True
+    expected[14:26, 14:26] = False
+    np.testing.assert_array_equal(square_mask(tmp_path, halves), expected)
+
+
+@pytest.mark.parametrize(
+    ("polygon", "pixels"),
+    [
+        (rectangle(10.5, 10.5, 20.5, 20.5), 100),  # corners in the centres of pixels
+        (rectangle(10.3, 10.3, 20.3, 20.3), 100),
+        ([5, 5, 35, 5, 5, 35], 435),  # half of 30 x 30 is 450; the oblique side is through centres
+        ([2, 30, 30, 2, 36, 8, 8, 36], 336),  # an oblique shaft of 336 px
+    ],
+)
+def test_the_pixels_on_the_border_of_a_polygon(
+    tmp_path: Path, polygon: list[float], pixels: int
+) -> None:
+    assert square_mask(tmp_path, [polygon]).sum() == pixels
+
+
+def column_runs(mask: NDArray[np.bool_]) -> dict[str, object]:
+    """A mask as COCO's uncompressed run lengths, counted pixel by pixel."""
+    counts, value = [0], False
+    for pixel in mask.T.ravel().tolist():
+        if pixel != value:
+            counts.append(0)
+            value = pixel
+        counts[-1] += 1
+    return {"counts": counts, "size": list(mask.shape)}
+
+
 @pytest.mark.parametrize("seed", range(40))
-def test_polygons_of_a_mask_give_the_mask_again(seed: int) -> None:
-    mask = blobs(np.random.default_rng(seed), 80)
-    assert mask.any()
-    polygons = tuple(np.array(points).reshape(-1, 2) for points in mask_polygons(mask))
-    np.testing.assert_array_equal(polygon_mask(polygons, 80), mask)
+def test_run_lengths_give_the_mask(tmp_path: Path, seed: int) -> None:
+    mask = blobs(np.random.default_rng(seed), 40)
+    np.testing.assert_array_equal(square_mask(tmp_path, column_runs(mask)), mask)
+    np.testing.assert_array_equal(square_mask(tmp_path, encode(mask)), mask)
 
 
-def test_specks_are_no_polygons() -> None:
-    # COCO's polygons have three points or more: a part of one or two pixels is left out.
-    mask = np.zeros((20, 20), dtype=bool)
-    mask[3, 3] = mask[8, 8:10] = mask[12, 5:8] = True
-    (points,) = mask_polygons(mask)
-    assert {*zip(points[::2], points[1::2], strict=True)} == {(5.5, 12.5), (6.5, 12.5), (7.5, 12.5)}
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        (slice(0, 40), slice(0, 40)),
+        (slice(0, 1), slice(0, 40)),
+        (slice(39, 40), slice(0, 40)),
+        (slice(0, 40), slice(39, 40)),
+        (slice(37, 40), slice(37, 40)),
+        (slice(20, 21), slice(20, 23)),  # three pixels are the fewest of a part
+    ],
+)
+def test_run_lengths_at_the_border(tmp_path: Path, rows: slice, columns: slice) -> None:
+    mask = np.zeros((40, 40), dtype=bool)
+    mask[rows, columns] = True
+    np.testing.assert_array_equal(square_mask(tmp_path, column_runs(mask)), mask)
 
 
-def test_polygon_mask_of_a_triangle() -> None:
-    # Half of 40 x 40: 800 px, but for the pixels of the border, of which there are about 140.
-    mask = polygon_mask((np.array([[5.0, 5.0], [45.0, 5.0], [5.0, 45.0]]),), 60)
-    assert abs(int(mask.sum()) - 800) < 140
-    assert mask[10, 10]
-    assert not mask[40, 40]
+def test_holes_of_run_lengths_are_filled_and_specks_dropped(tmp_path: Path) -> None:
+    mask = np.zeros((40, 40), dtype=bool)
+    mask[5:20, 5:20] = True
+    expected = mask.copy()
+    mask[8:16, 8:16] = False
+    mask[10:14, 10:14] = True  # a part in a hole
+    mask[30, 30] = mask[0, 39] = mask[34:36, 20] = True  # specks
+    mask[39, 0:3] = expected[39, 0:3] = True
+    np.testing.assert_array_equal(square_mask(tmp_path, column_runs(mask)), expected)
 
 
-def test_polygon_mask_of_a_square_on_pixel_edges() -> None:
-    # COCO's polygons lie on pixel edges: 10 .. 20 holds the ten pixels 10 to 19.
-    square = np.array([[10.0, 10.0], [20.0, 10.0], [20.0, 20.0], [10.0, 20.0]])
-    expected = np.zeros((30, 30), dtype=bool)
-    expected[10:20, 10:20] = True
-    np.testing.assert_array_equal(polygon_mask((square,), 30), expected)
+def test_runs_may_be_empty(tmp_path: Path) -> None:
+    # Rows 10 to 19 of column 0, cut in two by runs of no pixel.
+    expected = np.zeros((40, 40), dtype=bool)
+    expected[10:20, 0] = True
+    runs = run_lengths(10, 4, 0, 6, 1580, 0, size=(40, 40))
+    np.testing.assert_array_equal(square_mask(tmp_path, runs), expected)
 
 
-def test_polygons_that_overlap_are_united() -> None:
-    near, far = ([[a, a], [a + 10.0, a], [a + 10.0, a + 10.0], [a, a + 10.0]] for a in (5.0, 10.0))
-    expected = np.zeros((30, 30), dtype=bool)
-    expected[5:15, 5:15] = expected[10:20, 10:20] = True
-    np.testing.assert_array_equal(polygon_mask((np.array(near), np.array(far)), 30), expected)
-
-
-def test_no_polygon_is_no_mask() -> None:
-    assert not polygon_mask((), 20).any()
-    assert mask_polygons(np.zeros((20, 20), dtype=bool)) == []
+def test_run_lengths_without_a_pixel_are_no_mask(tmp_path: Path) -> None:
+    assert not square_mask(tmp_path, run_lengths(1600, size=(40, 40))).any()
+    (image,) = read_coco(tmp_path / "test.json")
+    np.testing.assert_array_equal(load_square(image, 40).boxes, [[0, 0, 40, 40]])
+    with pytest.raises(InputError, match="`segmentation`"):
+        check_masks([image], tmp_path / "test.json")
 
 
 def square_samples() -> list[tuple[str, RealSample]]:
@@ -494,6 +641,7 @@ def test_a_written_file_is_coco(tmp_path: Path) -> None:
     # 40, 30, 50, 64 is 10 wide and 34 high: 340 px.
     assert second["bbox"] == [40, 30, 10, 34]
     assert second["area"] == 340
+    assert second["segmentation"] == encode(square_samples()[0][1].masks[1])
 
 
 def test_without_masks_there_are_boxes_only(tmp_path: Path) -> None:
@@ -501,5 +649,5 @@ def test_without_masks_there_are_boxes_only(tmp_path: Path) -> None:
     annotations = json.loads(path.read_text())["annotations"]
     assert [annotation["segmentation"] for annotation in annotations] == [[], []]
     image = read_coco(path)[0]
-    assert [shaft.polygons for shaft in image.instruments] == [(), ()]
+    assert [shaft.mask for shaft in image.instruments] == [None, None]
     np.testing.assert_allclose(load_square(image, 64).boxes, square_samples()[0][1].boxes)

@@ -1,4 +1,4 @@
-"""Exact counts, disjoint parts and sources that no two parts share."""
+"""Exact counts, disjoint parts, and no source shared by two parts."""
 
 from collections import Counter
 from itertools import combinations
@@ -7,16 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.config import SplitSettings
-from shaftpose.dataset.split import (
-    PARTS,
-    Split,
-    read_keys,
-    split_images,
-    subset_with_sum,
-    write_split,
-)
+from shaftpose.core.split_lists import PARTS, read_keys
+from shaftpose.dataset.split import Split, split_images, subset_with_sum, write_split
 from shaftpose.errors import InputError
+from shaftpose.settings.parts import SplitSettings
 
 GROUPED = SplitSettings(method="grouped", test=0.1, validation=0.05)
 RANDOM = SplitSettings(method="random", test=0.1, validation=0.05)
@@ -41,7 +35,7 @@ def test_nine_to_one_exactly_and_nothing_twice(settings: SplitSettings, seed: in
     assert len(split.train) + len(split.validation) == 900
     keys = [key for part in parts(split) for key in part]
     assert sorted(keys) == sorted(sources)  # each key once
-    # 5 % of 900 are 45; whole groups may add a little.
+    # 5 % of 900 are 45; whole groups may add a few.
     assert 45 <= len(split.validation) <= 60
     assert all(part == sorted(part) for part in parts(split))
 
@@ -59,7 +53,7 @@ def test_random_split_mixes_sources_and_hits_the_counts() -> None:
     sources = draw_sources(1000, 80)
     split = split_images(sources, RANDOM, 3)
     assert len(split.validation) == 45
-    # With 12 images of each source and a tenth in test, sources are bound to be in both parts.
+    # With 12 images per source and a tenth in test, both parts share sources.
     assert {sources[key] for key in split.test} & {sources[key] for key in split.train}
 
 
@@ -88,12 +82,12 @@ def test_few_sources_leave_images_out(images: int, count: int) -> None:
     apart = {sources[key] for key in split.test + split.left_out}
     train, validation = ({sources[key] for key in part} for part in (split.train, split.validation))
     assert not apart & train and not apart & validation and not train & validation
-    # Never more than one source's images are left over.
+    # At most the images of one source are left out.
     assert len(split.left_out) < max(Counter(sources.values()).values())
 
 
 def test_too_few_sources_name_the_remedy() -> None:
-    # Two sources: one for the test part, and none for training once validation has the other.
+    # Two sources: one for test, one for validation, none for training.
     sources = {f"{n:02d}": str(n % 2) for n in range(20)}
     with pytest.raises(InputError, match="1 of 10 images on 1 source backgrounds") as caught:
         split_images(sources, GROUPED, 0)
@@ -133,7 +127,7 @@ def test_subset_with_sum_agrees_with_trying_all() -> None:
             found += 1
             assert len(set(chosen)) == len(chosen)
             assert sum(sizes[n] for n in chosen) == target
-    assert 30 < found < 120  # both answers were tried
+    assert 30 < found < 120  # both outcomes occur
 
 
 def test_lists_survive_writing_and_reading(tmp_path: Path) -> None:

@@ -1,13 +1,13 @@
-"""Mirrored and turned images against projections of the poses that go with them."""
+"""Mirrored and turned images against projections of their poses."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.instruments import Annotations
 from shaftpose.dataset.symmetries import mirrored_x, mirrored_y, random_symmetry, transposed
-from shaftpose.geometry import Camera, ShaftPose
-from shaftpose.instruments import Annotations
 
 Symmetry = Callable[[np.ndarray, Annotations], tuple[np.ndarray, Annotations]]
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
@@ -16,7 +16,7 @@ BOX = np.array([[10.0, 20.0, 60.0, 90.0]])
 
 
 def drawn(poses: np.ndarray) -> np.ndarray:
-    """A black image with a white pixel where each pose's tip is, and one further up its axis."""
+    """A black image with white pixels at each pose's tip and at a point on its axis."""
     image = np.zeros((299, 299, 3), dtype=np.uint8)
     for values in poses:
         pose = ShaftPose(*values.tolist())
@@ -64,4 +64,4 @@ def test_eight_symmetries_come_up_evenly_and_boxes_hold_their_pixels() -> None:
         place = tuple(int(n) for n in np.argwhere(turned[..., 0] == 255)[0])
         seen[place] = seen.get(place, 0) + 1
     assert len(seen) == 8
-    assert min(seen.values()) > 25  # of 50 on average
+    assert min(seen.values()) > 25  # the mean is 50

@@ -12,7 +12,11 @@ import pytest
 import torch
 import yaml
 
-from shaftpose.batches import Batch
+from shaftpose.core.batches import Batch
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.instruments import Annotations
+from shaftpose.core.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
 from shaftpose.dataset.coco import RealImage, RealInstrument
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import (
@@ -26,10 +30,6 @@ from shaftpose.dataset.training_data import (
 )
 from shaftpose.dataset.transforms import UniformNoise
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose
-from shaftpose.images import write_jpeg
-from shaftpose.instruments import Annotations
-from shaftpose.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
 
 SIZE = 32
 BOX = [4.0, 8.0, 16.0, 24.0]
@@ -60,7 +60,7 @@ def stream(length: int = 110, real_share: float = 2 / 11, seed: int = 5) -> Trai
 
 
 def levels(items: TrainingStream, numbers: Sequence[int] | None = None) -> list[int]:
-    """Which image each item is."""
+    """The image number of each item."""
     return [int(items[n][0][0, 0, 0]) for n in (numbers or range(len(items)))]
 
 
@@ -70,7 +70,7 @@ def is_real(items: TrainingStream) -> list[bool]:
 
 def test_real_and_rendered_images_are_mixed_two_to_nine() -> None:
     real = is_real(stream(110))
-    # 110 * 2 / 11 = 20 real and 90 rendered, spread evenly: two in each 11.
+    # 110 * 2 / 11 = 20 real and 90 rendered, spread evenly: two in every 11.
     assert sum(real) == 20
     assert [sum(real[n : n + 11]) for n in range(0, 110, 11)] == [2] * 10
 
@@ -92,7 +92,7 @@ def test_each_rendered_image_is_seen_once_a_turn() -> None:
     assert len(rendered) == 90
     turns = [rendered[n : n + 30] for n in (0, 30, 60)]
     assert all(sorted(turn) == list(range(30)) for turn in turns)
-    # Each time in a new order, and not that of the files.
+    # A new order in each turn, different from that of the files.
     assert len({tuple(turn) for turn in turns} | {tuple(range(30))}) == 4
 
 
@@ -117,7 +117,7 @@ def test_item_n_does_not_depend_on_what_came_before() -> None:
     fresh = noisy_stream()
     for n in np.random.default_rng(0).permutation(110).tolist():
         np.testing.assert_array_equal(fresh[n][0], forwards[n])
-    # A longer run begins with the same items.
+    # A longer run starts with the same items.
     np.testing.assert_array_equal(replace(items, length=500)[109][0], forwards[109])
 
 
@@ -156,7 +156,7 @@ def test_a_batch_is_padded() -> None:
     assert targets.boxes.dtype == torch.float32
     assert targets.poses.tolist() == [[POSE, [0] * 5], [[0] * 5] * 2, [[0] * 5] * 2]
     assert targets.valid.tolist() == [[True, False], [True, True], [False, False]]
-    # An image without an instrument has all its poses: none.
+    # An image without instruments counts as having all poses.
     assert targets.has_pose.tolist() == [True, False, True]
     assert (targets.valid.dtype, targets.has_pose.dtype) == (torch.bool, torch.bool)
 
@@ -186,7 +186,7 @@ def real_images(folder: Path) -> RealImages:
     path = folder / "real.jpg"
     write_jpeg(np.full((SIZE, 48, 3), 200, dtype=np.uint8), path)
     # 48 x 32: the square starts at column 8.
-    shaft = RealInstrument((12.0, 8.0, 24.0, 24.0), (), occluded=False)
+    shaft = RealInstrument((12.0, 8.0, 24.0, 24.0), None, occluded=False)
     return RealImages([RealImage(path, 48, SIZE, (shaft,))], SIZE)
 
 
@@ -224,7 +224,7 @@ def test_training_batches_come_in_the_order_of_the_stream(data: TrainingData) ->
     for batch in batches:
         assert isinstance(batch, Batch)
         assert (batch.images.shape, batch.images.dtype) == ((4, SIZE, SIZE, 3), torch.uint8)
-        # A quarter of the items is real: the fourth of each four.
+        # A quarter of the items is real: every fourth one.
         assert batch.targets.has_pose.tolist() == [True, True, True, False]
     # Items 0, 1, 2, 4 are the first turn of the rendered images: x = n mm, or none in image 0.
     rendered = [(int(image[0, 0, 0]) + 5) // 10 for batch in batches for image in batch.images[:3]]
@@ -241,10 +241,10 @@ def test_validation_batches_are_the_images_in_order(data: TrainingData) -> None:
 
 
 def first_numbers(data: TrainingData, trainer: Any) -> list[list[int]]:
-    """The numbers of the items that a rank's training would read, batch by batch."""
+    """The item numbers of each batch that a rank would read."""
     data.trainer = trainer
     batches = data.train_dataloader().batch_sampler
-    assert len(batches) == 2  # all steps, wherever it begins
+    assert len(batches) == 2  # all steps, whatever the first one
     return [list(numbers) for numbers in batches]
 
 
@@ -326,7 +326,7 @@ def test_a_batch_larger_than_the_training_set_is_refused() -> None:
 
 
 def damage(folder: Path, key: str) -> Path:
-    """Overwrite an image in its shard, as a failing disk does: headers stay sound."""
+    """Overwrite an image in its shard, as a failing disk would; headers stay intact."""
     location = ShardedDataset(folder)._members[key]["rgb.jpg"]
     with location.path.open("r+b") as file:
         file.seek(location.offset)
@@ -335,7 +335,7 @@ def damage(folder: Path, key: str) -> Path:
 
 
 def rendered_stream(folder: Path, skipped: SkippedImages | None = None) -> TrainingStream:
-    """Two rounds of the images 0 to 3 of a shard in `folder`."""
+    """Two passes over the images 0 to 3 of a shard in `folder`."""
     images = RenderedImages(ShardedDataset(folder), [sample_key(n) for n in range(4)])
     return TrainingStream(images, None, 0.0, (), length=8, seed=1, skipped=skipped)
 
@@ -367,7 +367,7 @@ def test_a_damaged_image_can_be_passed_over(
     assert ((levels + 5) // 10).tolist() == expected
     (complaint,) = skipped.complaints()
     assert sample_key(2) in complaint
-    if workers == 0:  # otherwise other processes say it
+    if workers == 0:  # otherwise worker processes log it
         assert caplog.text.count(sample_key(2)) == 1
 
 

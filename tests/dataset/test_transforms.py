@@ -1,4 +1,4 @@
-"""Colour changes by hand and the paper's noise."""
+"""Colour changes against hand-computed values, and the paper's noise."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_no_change_is_the_identity(hue_deg: float) -> None:
 def test_without_saturation_remains_the_luma() -> None:
     matrix = colour_matrix(brightness=0, contrast=1, saturation=0, hue_deg=33)
     # NTSC: 0.299 * 200 + 0.587 * 40 + 0.114 * 30 = 59.8 + 23.48 + 3.42 = 86.7.
-    # The published YIQ matrix is rounded to four digits: its I row adds up to 0, its Q row, too.
+    # The published YIQ matrix is rounded to four digits: its I and Q rows each sum to 0.
     np.testing.assert_allclose(apply(matrix, RED), [86.7] * 3, atol=0.05)
 
 
@@ -52,7 +52,7 @@ def test_hue_turns_add_up() -> None:
 
 def test_saturation_scales_the_distance_from_the_luma() -> None:
     matrix = colour_matrix(brightness=0, contrast=1, saturation=0.5, hue_deg=0)
-    # Half way from the colour to its luma of 86.7: (143.35, 63.35, 58.35).
+    # Halfway between the colour and its luma of 86.7: (143.35, 63.35, 58.35).
     np.testing.assert_allclose(apply(matrix, RED), [143.35, 63.35, 58.35], atol=0.05)
 
 
@@ -63,7 +63,7 @@ def test_contrast_and_brightness_by_hand() -> None:
 
 
 def test_jitter_applies_the_matrix_and_clips() -> None:
-    # Ranges of one value: brightness 10, contrast 2.
+    # Single-value ranges: brightness 10, contrast 2.
     jitter = ColourJitter((10, 10), (2, 2), (1, 1), (0, 0))
     pixels = np.array([[[200, 40, 100], [128, 69, 186]]], dtype=np.uint8)
     # 282 -> 255, -38 -> 0, 82; 138, 20, 254.
@@ -87,11 +87,11 @@ def test_neutral_jitter_leaves_the_image() -> None:
 def test_noise_stays_in_its_bounds_and_reaches_both() -> None:
     noise = UniformNoise(half_width=10, probability=1.0)
     changes = noise(grey(128), rng()).astype(int) - 128
-    # 24 * 24 * 3 = 1728 draws of 21 values: each is there, about 82 times.
+    # 24 * 24 * 3 = 1728 draws of 21 values: each occurs about 82 times.
     values, counts = np.unique(changes, return_counts=True)
     np.testing.assert_array_equal(values, np.arange(-10, 11))
     assert counts.min() > 40
-    # Each channel is drawn by itself.
+    # Channels are drawn independently.
     assert np.any(changes[..., 0] != changes[..., 1])
 
 
@@ -99,7 +99,7 @@ def test_half_of_the_images_get_noise() -> None:
     generator = rng(2)
     noise = UniformNoise(half_width=10)
     same = sum(np.array_equal(noise(grey(128, 8), generator), grey(128, 8)) for _ in range(200))
-    # 100 expected, standard deviation sqrt(200 / 4) = 7.1: two of them.
+    # 100 expected; within two standard deviations of sqrt(200 / 4) = 7.1.
     assert abs(same - 100) <= 14
 
 
@@ -122,6 +122,6 @@ def test_the_generator_decides(transform: UniformNoise | ColourJitter) -> None:
     first = transform(given, rng(1))
     assert first.dtype == np.uint8
     assert first.shape == before.shape
-    np.testing.assert_array_equal(given, before)  # the input is left alone
+    np.testing.assert_array_equal(given, before)  # the input is unchanged
     np.testing.assert_array_equal(transform(given, rng(1)), first)
     assert not np.array_equal(transform(given, rng(2)), first)

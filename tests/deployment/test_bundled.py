@@ -1,7 +1,6 @@
-"""The model that comes with the package."""
+"""The model bundled with the package."""
 
 import shutil
-import sys
 import tomllib
 from pathlib import Path
 
@@ -12,12 +11,9 @@ from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model, checksu
 from shaftpose.deployment.onnx_export import store_metadata
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
+from studies.model_frames import complaints
 
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT / "pipelines"), str(ROOT / "tools")]
-
-from model_frames import complaints  # noqa: E402
-
 FRAMES = ROOT / "tests/data/bundled_model"
 
 
@@ -63,7 +59,7 @@ def test_wheels_hold_the_model() -> None:
 
 
 @pytest.mark.skipif(
-    not FRAMES.is_dir(), reason="no model is bundled yet: run tools/bundle_model.py"
+    not FRAMES.is_dir(), reason="no model is bundled yet: run python -m studies.bundle_model"
 )
 def test_the_bundled_model_keeps_to_its_bounds() -> None:
     assert complaints(Predictor(bundled_model()), FRAMES) == []

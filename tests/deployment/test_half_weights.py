@@ -56,7 +56,7 @@ def test_weights_of_convolutions_take_half_the_bytes_and_no_others(model: ModelP
 
 
 def test_only_the_weights_are_rounded(model: ModelProto) -> None:
-    """The copy computes what a model in 32 bits does with the weights that 16 bits can hold."""
+    """The copy computes the same as a model in 32 bits whose weights are rounded to 16 bits."""
     rounded = ModelProto()
     rounded.CopyFrom(model)
     for weight in rounded.graph.initializer:

@@ -1,5 +1,6 @@
 import io
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,21 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shaftpose.core.instruments import Detections
 from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.deployment.parity import check_parity
-from shaftpose.instruments import Detections
 from shaftpose.network.classification_head import ArchitectureB
+from shaftpose.network.dense_network import DenseNetwork
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import RegressionCoder
-from shaftpose.network.shaft_network import ShaftNetwork, normalise_images
+from shaftpose.network.pose_network import normalise_images
+from shaftpose.network.single_shot import SingleShotNetwork
 from tests.network.even_boxes import EVEN_CENTRES
+from tests.network.tiny import LIMITS, paper_loss
 
 
 def random_images(count: int) -> Tensor:
@@ -33,10 +38,12 @@ RANGES = (-20, -20, 10, 50, 0), (20, 20, 40, 90, 358)
 
 
 @pytest.fixture(scope="module")
-def network() -> ShaftNetwork:
-    """Random weights, but the batch normalisations have seen images: so scores differ."""
+def network() -> SingleShotNetwork:
+    """Random weights, but with batch normalisation statistics of images, so that scores differ."""
     torch.manual_seed(0)
-    network = ShaftNetwork(InceptionV4Features(0.25, 0.25), ArchitectureD, RegressionCoder(*RANGES))
+    network = SingleShotNetwork(
+        InceptionV4Features(0.25, 0.25), ArchitectureD, RegressionCoder(*RANGES), paper_loss()
+    )
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.momentum = None  # statistics are plain averages
@@ -47,12 +54,12 @@ def network() -> ShaftNetwork:
 
 @pytest.fixture(scope="module")
 def session(
-    network: ShaftNetwork, tmp_path_factory: pytest.TempPathFactory
+    network: SingleShotNetwork, tmp_path_factory: pytest.TempPathFactory
 ) -> onnxruntime.InferenceSession:
     path = tmp_path_factory.mktemp("export") / "network.onnx"
     noise = io.StringIO()
     with redirect_stdout(noise), redirect_stderr(noise):
-        export_onnx(ShaftDetector(network, 250, 0.5, 20), path, 299)
+        export_onnx(ShaftDetector(network, LIMITS), path, 299)
     assert noise.getvalue() == ""
     assert [file.name for file in path.parent.iterdir()] == ["network.onnx"]
     return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
@@ -63,7 +70,7 @@ def run(session: onnxruntime.InferenceSession, images: Tensor) -> list[NDArray[n
 
 
 def file_of(session: onnxruntime.InferenceSession) -> Any:
-    """The session as the parity check calls it."""
+    """The session with the interface that the parity check calls."""
 
     def predict(images: NDArray[np.uint8]) -> list[Detections]:
         boxes, scores, poses = run(session, torch.from_numpy(images))
@@ -77,16 +84,16 @@ def file_of(session: onnxruntime.InferenceSession) -> Any:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_file_agrees_with_the_network(
-    network: ShaftNetwork, session: onnxruntime.InferenceSession, count: int
+    network: SingleShotNetwork, session: onnxruntime.InferenceSession, count: int
 ) -> None:
     images = random_images(count)
-    detector = ShaftDetector(network, 250, 0.5, 20)
+    detector = ShaftDetector(network, LIMITS)
     with torch.no_grad():
         expected = detector(images)
     _, scores, _ = run(session, images)
-    assert expected.scores.std() > 0.01  # else the ranking would be chance
+    assert expected.scores.std() > 0.01  # else the ranking would be random
     np.testing.assert_allclose(scores, expected.scores, atol=1e-3)
-    # Rows may change places where scores differ by less than rounding: compare by place.
+    # Rows whose scores differ by less than rounding may swap: match detections by their boxes.
     parity = check_parity(detector, file_of(session), images.numpy(), least_score=0.0)
     assert parity.holds
     assert parity.detections >= 15 * count
@@ -101,7 +108,7 @@ def test_names_and_types(session: onnxruntime.InferenceSession) -> None:
 
 
 class SampledColours(InceptionV4Features):
-    """The image itself, sampled down to the six sizes: a backbone that is quick to export."""
+    """The image itself, resampled to the six sizes: a backbone that is quick to export."""
 
     def __init__(self) -> None:
         nn.Module.__init__(self)
@@ -112,20 +119,24 @@ class SampledColours(InceptionV4Features):
         return [functional.interpolate(images, (size, size)) for size in MAP_SIZES]
 
     def cell_centres(self) -> list[list[float]]:
-        """For each map the centres of its cells, in units of the image's side."""
+        """Cell centres of each map, in units of the image's side."""
         return EVEN_CENTRES
 
 
 def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
-    """Scores of exactly 0 on a black image, of 1 on a white one, side by side in one batch."""
-    network = ShaftNetwork(SampledColours(), ArchitectureC, RegressionCoder(*RANGES))
+    """Scores are exactly 0 on a black image and 1 on a white one in the same batch."""
+    network = SingleShotNetwork(
+        SampledColours(), ArchitectureC, RegressionCoder(*RANGES), paper_loss()
+    )
     assert isinstance(network.head, ArchitectureC)
     for conv in network.head.class_convs:
         assert isinstance(conv, nn.Conv2d) and conv.bias is not None
         nn.init.zeros_(conv.weight)
         nn.init.zeros_(conv.bias)
         conv.weight.data[1::2, :, 1, 1] = 100.0  # the instrument's logit: 100 x the pixel's colours
-    export_onnx(ShaftDetector(network, 250, 0.5, 5), tmp_path / "colours.onnx", 299)
+    export_onnx(
+        ShaftDetector(network, replace(LIMITS, max_detections=5)), tmp_path / "colours.onnx", 299
+    )
     session = onnxruntime.InferenceSession(tmp_path / "colours.onnx")
     black_and_white = torch.zeros(2, 299, 299, 3, dtype=torch.uint8)
     black_and_white[1] = 255
@@ -135,11 +146,11 @@ def test_image_without_detection_is_all_zeros(tmp_path: Path) -> None:
 
 
 def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
-    """Architecture B: its logits go in, the centres of the likeliest bins come out."""
+    """Architecture B: the file decodes its logits to the centres of the likeliest bins."""
     torch.manual_seed(0)
     coder = BinCoder(*RANGES, steps=(1, 1, 1, 5, 5))
-    network = ShaftNetwork(SampledColours(), ArchitectureB, coder)
-    detector = ShaftDetector(network, 250, 0.5, 20)
+    network = SingleShotNetwork(SampledColours(), ArchitectureB, coder, paper_loss())
+    detector = ShaftDetector(network, LIMITS)
     export_onnx(detector, tmp_path / "classes.onnx", 299)
     session = onnxruntime.InferenceSession(tmp_path / "classes.onnx")
     images = random_images(4)
@@ -151,3 +162,18 @@ def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
     bins = (poses - np.array(RANGES[0])) / coder.steps.numpy() - 0.5
     np.testing.assert_allclose(bins, bins.round(), atol=1e-4)
     assert all(len(np.unique(bins[..., dimension])) > 1 for dimension in range(5))
+
+
+def test_a_dense_network_is_exported_with_its_decoding(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network = DenseNetwork((8, 8, 8, 16), Pinhole(299, 95.0)).eval()
+    tips = network.maps[1]
+    assert isinstance(tips, nn.Conv2d) and tips.bias is not None and network.mask.bias is not None
+    nn.init.constant_(tips.bias[:1], 0.0)  # so that there are peaks,
+    nn.init.constant_(network.mask.bias, 1.0)  # on shafts
+    detector = ShaftDetector(network, LIMITS)
+    export_onnx(detector, tmp_path / "dense.onnx", 299)
+    file = file_of(onnxruntime.InferenceSession(tmp_path / "dense.onnx"))
+    parity = check_parity(detector, file, random_images(3).numpy(), least_score=0.0)
+    assert parity.holds
+    assert parity.detections > 3

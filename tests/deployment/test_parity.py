@@ -5,8 +5,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shaftpose.core.instruments import Detections
 from shaftpose.deployment.parity import check_parity
-from shaftpose.instruments import Detections
 
 IMAGES = np.zeros((1, 299, 299, 3), dtype=np.uint8)
 BOXES = [[10.0, 10.0, 60.0, 60.0], [100.0, 100.0, 180.0, 140.0]]
@@ -16,7 +16,7 @@ ELSEWHERE = [200.0, 200.0, 250.0, 250.0]
 
 
 class Known(nn.Module):
-    """Stands for the PyTorch detector: the same detections in any image, padded up to `most`."""
+    """Stands in for the PyTorch detector: the same detections in any image, padded to `most`."""
 
     def __init__(self, boxes: Any = BOXES, scores: Any = SCORES, most: int = 4) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ class Known(nn.Module):
 
 
 def file_that_finds(boxes: list[Any], scores: list[float], poses: list[Any] | None = None) -> Any:
-    """Stands for the exported file."""
+    """Stands in for the exported file."""
     poses = (POSES * 2)[: len(boxes)] if poses is None else poses
     return lambda images: [Detections(np.array(boxes), np.array(scores), np.array(poses))]
 
@@ -58,7 +58,7 @@ def test_a_wrong_pose_and_a_wrong_score_do_not_hold() -> None:
 
 
 def test_one_class_in_a_hundred_may_be_another() -> None:
-    """Of two detections one; numbers are never excused."""
+    """At least one is allowed, here one of two. Poses that are numbers may never jump."""
     one, both = [POSES[0], [0.0, 0.0, 31.0, 60.0, 90.0]], [[5.0, 2.0, 20.0, 70.0, 359.9]] * 2
     for poses, jumped, holds in ((POSES, 0, True), (one, 1, True), (both, 2, False)):
         file = file_that_finds(BOXES, SCORES, poses)
@@ -69,7 +69,7 @@ def test_one_class_in_a_hundred_may_be_another() -> None:
 
 
 def test_a_detection_that_is_not_found_is_missing() -> None:
-    # What the file did find is better than what it lacks, but its list had room.
+    # The file's detection scores higher than the missing one, but its list had room.
     parity = check_parity(Known(), file_that_finds(BOXES[:1], SCORES[:1]), IMAGES)
     assert (parity.missing, parity.extra, parity.tied) == (1, 0, 0)
     assert not parity.holds
@@ -122,14 +122,14 @@ def test_a_neighbour_of_equal_score_is_a_tie() -> None:
 
 
 def test_what_a_tie_uncovers_is_tied_too() -> None:
-    # PyTorch's first box suppressed the last of the file's, which the file's first one does not.
+    # PyTorch's first box suppressed the file's last one; the file's own first box does not.
     boxes = [[12.0, 12.0, 64.0, 64.0], BOXES[1], [10.0, 40.0, 60.0, 90.0]]
     parity = check_parity(Known(), file_that_finds(boxes, [0.9, 0.7, 0.5]), IMAGES)
     assert (parity.tied, parity.missing, parity.extra) == (3, 0, 0)
 
 
 def test_a_neighbour_that_both_have_excuses_nothing() -> None:
-    # The box that the file lacks overlaps one of equal score, but that one suppressed neither.
+    # The box that the file lacks overlaps one of equal score, but both sides have that one.
     known = Known([*BOXES, [10.0, 50.0, 60.0, 110.0]], [0.9, 0.7, 0.9])
     parity = check_parity(known, file_that_finds(BOXES, SCORES), IMAGES)
     assert (parity.tied, parity.missing) == (0, 1)

@@ -39,7 +39,8 @@ def test_a_file_that_states_no_camera_has_the_papers(constant_model: Path) -> No
 
 
 def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
-    with pytest.raises(InputError, match=r"constant\.onnx: holds no confidence; export it again"):
+    message = r"constant\.onnx: holds no confidence threshold; export it again"
+    with pytest.raises(InputError, match=message):
         _ = Predictor(constant_model).confidence
 
 

@@ -1,4 +1,4 @@
-"""Binned errors against instruments whose bins and errors are set by hand."""
+"""Binned errors of instruments with known bins and errors."""
 
 import json
 from dataclasses import replace
@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shaftpose.config import PoseRanges
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.binned_errors import BINS, as_plain, binned_errors, from_plain
-from shaftpose.evaluation.binned_errors_figure import binned_error_figure
 from shaftpose.evaluation.pose_errors import errors_between, pose_errors
-from shaftpose.instruments import Annotations, Detections
+from shaftpose.figures.binned_errors_figure import binned_error_figure
+from shaftpose.settings.parts import PoseRanges
 
-# z 12, 12, 12 and 40 mm; yaw 355, 2, 300 and 180 deg; tip errors 1, 2, 6 and 4 mm, all along x;
-# of the last pose the pitch is 3 deg too small, and so its axis is turned by as much.
+# z 12, 12, 12 and 40 mm; yaw 355, 2, 300 and 180 deg; tip errors 1, 2, 6 and 4 mm, all along x.
+# The last pose's pitch is 3 deg too small, so its axis error is 3 deg.
 TRUE = np.array(
     [[0, 0, 12, 70, 355], [0, 0, 12, 70, 2], [0, 0, 12, 70, 300], [0, 0, 40, 90, 180]], dtype=float
 )
@@ -67,7 +67,7 @@ def test_the_bins_of_depth_and_pitch_divide_the_ranges_that_poses_come_from():
 
 
 def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
-    # Of three instruments in two images the last is found; only it is half hidden.
+    # Of three instruments in two images, only the last is detected and partly hidden.
     boxes = np.array([[0, 0, 10, 10], [50, 0, 60, 10]], dtype=float)
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     known = [Annotations(boxes[:1], TRUE[:1]), Annotations(boxes, TRUE[:2])]
@@ -90,6 +90,6 @@ def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
     np.testing.assert_allclose(depth[:, 0], [12.5, 17.5, 22.5, 27.5, 32.5, 37.5])
     np.testing.assert_allclose(depth[:, 1], [2.0, *[np.nan] * 4, 4.0])
     assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
-    turned = figure.axes[4].lines[1].get_ydata()  # below tip errors by depth, axis errors
+    turned = figure.axes[4].lines[1].get_ydata()  # axis errors by depth, below the tip errors
     np.testing.assert_allclose(turned, [0.0, *[np.nan] * 4, 3.0], atol=1e-6)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]

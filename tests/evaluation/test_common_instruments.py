@@ -1,4 +1,4 @@
-"""What is kept of the instruments that a training found, by hand."""
+"""Records of detected instruments against hand-computed values."""
 
 import numpy as np
 

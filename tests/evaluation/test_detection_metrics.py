@@ -1,15 +1,15 @@
-"""Boxes, average precision and detected rate against examples worked by hand."""
+"""Boxes, average precision and detected rate against hand-computed examples."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
+from shaftpose.core.geometry import box_iou
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
 from shaftpose.evaluation.boxes import best_instruments
 from shaftpose.evaluation.detected_rate import detected_rate
-from shaftpose.geometry import box_iou
-from shaftpose.instruments import Annotations, Detections
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]
 
@@ -44,10 +44,10 @@ def test_a_box_belongs_to_the_instrument_it_overlaps_most():
     assert best_instruments(box, instruments, 0.81).tolist() == [-1]
 
 
-# Three instruments in two images; by descending score over both images:
+# Three instruments in two images; detections of both images by descending score:
 #   0.9 LEFT of image 0            right   precision 1/1   recall 1/3
 #   0.8 LEFT again                 wrong             1/2          1/3
-#   0.7 nothing there, image 1     wrong             1/3          1/3
+#   0.7 no instrument, image 1     wrong             1/3          1/3
 #   0.6 RIGHT of image 0           right             2/4          2/3
 #   0.5 LEFT of image 1            right             3/5          3/3
 # The envelope is 1 up to recall 1/3, then 3/5: AP = (1 + 3/5 + 3/5) / 3 = 11/15. Without the
@@ -96,7 +96,7 @@ def test_recall_that_is_never_reached_adds_no_area():
 
 
 def test_detected_rate_counts_instruments_above_the_confidence():
-    # Of four instruments two are found: one is scored below 0.5, one overlaps too little.
+    # Two of four instruments are detected: one score is below 0.5, one overlap is too small.
     truth = [known(LEFT, RIGHT), known(LEFT), known(LEFT)]
     finds = [
         found((0.9, LEFT), (0.5, RIGHT)),
@@ -109,8 +109,8 @@ def test_detected_rate_counts_instruments_above_the_confidence():
 
 
 def test_one_box_finds_only_one_of_two_crossing_shafts():
-    # Boxes of 10 x 10 and 10 x 8 about one place. A box of 10 x 9 overlaps them by 9/10 and 8/9;
-    # one of 10 x 8 is the second exactly.
+    # True boxes of 10 x 10 and 10 x 8 at the same place. A box of 10 x 9 has an IoU of 9/10 and 8/9
+    # with them; a box of 10 x 8 equals the second one.
     truth = [known(LEFT, [0, 0, 10, 8])]
     between, second = (0.9, [0, 0, 10, 9]), (0.8, [0, 0, 10, 8])
     assert detected_rate([found(between)], truth) == 0.5

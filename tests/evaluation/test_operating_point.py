@@ -1,4 +1,4 @@
-"""The score from which on detections count."""
+"""The confidence threshold."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from shaftpose.evaluation.operating_point import best_confidence
 
 
 def test_best_confidence_is_the_score_of_the_best_f1():
-    # Of four instruments, detections that are right, right, wrong, right, wrong:
+    # Four instruments; detections are right, right, wrong, right, wrong:
     # F1 = 2 * hits / (detections + 4) = 2/5, 4/6, 4/7, 6/8, 6/9.
     curve = PrecisionRecall(
         recall=np.array([1, 2, 2, 3, 3]) / 4,

@@ -1,4 +1,4 @@
-"""Pose errors, the metrics of a test set and the constant predictor, on hand values."""
+"""Pose errors, metrics of a test set and the constant predictor against hand-computed values."""
 
 import json
 from collections.abc import Sequence
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.errors import InputError
 from shaftpose.evaluation.metrics import constant_predictor, evaluate
 from shaftpose.evaluation.pose_errors import errors_between, pose_errors
-from shaftpose.instruments import Annotations, Detections
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]
 POSE = [1.0, 2.0, 20.0, 70.0, 100.0]
@@ -25,7 +25,7 @@ def test_yaw_takes_the_short_way_over_the_seam():
     errors = errors_between(predicted, true)
     np.testing.assert_allclose(errors.differences[:2, 4], [4, -4])
     np.testing.assert_allclose(errors.absolute[:, 4], [4, 4, 180])
-    # At pitch 90 deg the shaft lies in the image plane: the axes are as far apart as the yaws.
+    # At pitch 90 deg the shaft is in the image plane: the axis error equals the yaw error.
     np.testing.assert_allclose(errors.axis_deg, [4, 4, 180], atol=1e-9)
 
 
@@ -43,7 +43,7 @@ def test_axis_and_tip_errors_by_hand():
 def test_the_best_score_speaks_for_an_instrument_found_twice():
     truth = [Annotations(array(LEFT), array(POSE))]
     good, bad = np.array(POSE) + [1, 0, 0, 0, 0], np.array(POSE) + [9, 0, 0, 0, 0]
-    # Out of order and the worse box first: the score alone decides.
+    # Unsorted, with the worse box first: only the score decides.
     finds = Detections(array(LEFT, [0, 0, 10, 8]), np.array([0.6, 0.9]), array(bad, good))
     errors = pose_errors([finds], truth)
     np.testing.assert_allclose(errors.differences, [[1, 0, 0, 0, 0]])
@@ -108,10 +108,10 @@ def test_constant_predictor_by_hand():
         Annotations(array(FAR), array([2, 0, 14, 75, 340])),
     ]
     metrics = constant_predictor(train, test)
-    # One of three instruments is hit, and of two detections that score alike the first is right.
+    # One of three instruments is hit; of two detections with equal scores the first is right.
     assert metrics.detected_rate == pytest.approx(1 / 3)
     assert metrics.mAP == pytest.approx(1 / 3)
-    # Errors are over all three, not over the one that was hit.
+    # Errors are over all three instruments, not only the one that was hit.
     assert metrics.x_mm == pytest.approx(4 / 3)
     assert metrics.y_mm == pytest.approx(1)
     assert metrics.z_mm == pytest.approx(2)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_iou, silhouette_score
-from shaftpose.instruments import Annotations, Detections
 
 
 def mask(*columns: int) -> np.ndarray:

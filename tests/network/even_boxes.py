@@ -1,4 +1,4 @@
-"""Default boxes of maps whose cells share the image evenly: numbers that are easy by hand."""
+"""Default boxes of maps whose cells divide the image evenly: easy to compute by hand."""
 
 from torch import Tensor
 

@@ -1,6 +1,6 @@
-"""A short training, shared out among processes: `rank_process.py RANKS FOLDER`.
+"""A short training, distributed over processes: `rank_process.py RANKS FOLDER`.
 
-Lightning starts this script once more for each further rank. The first one writes what it saw.
+Lightning starts this script again for each further rank. The first rank writes its results.
 """
 
 import sys
@@ -11,15 +11,12 @@ import numpy as np
 import torch
 from lightning import Callback, Trainer
 
+from shaftpose.core.instruments import Annotations
 from shaftpose.dataset.training_data import Images, LabelledImage, TrainingData, TrainingStream
-from shaftpose.instruments import Annotations
-from shaftpose.network.curves import Curves
-from shaftpose.network.heads import ArchitectureD
-from shaftpose.network.inception_v4 import InceptionV4Features
-from shaftpose.network.loss import ShaftLoss
-from shaftpose.network.module import ShaftModule
 from shaftpose.network.pose_coding import RegressionCoder
-from shaftpose.network.shaft_network import ShaftNetwork
+from shaftpose.training.curves import Curves
+from shaftpose.training.module import ShaftModule
+from tests.network.tiny import LIMITS, tiny_d
 
 SIDE, BATCH, STEPS = 299, 4, 3
 LOW, HIGH = np.array([-20.0, -20, 10, 50, 0]), np.array([20.0, 20, 40, 90, 358])
@@ -40,7 +37,7 @@ class Noise(Images):
 
 
 class FirstGradient(Callback):
-    """The gradient that the first step follows."""
+    """Keeps the gradient of the first step."""
 
     def __init__(self) -> None:
         self.value = torch.zeros(0)
@@ -52,14 +49,11 @@ class FirstGradient(Callback):
 
 
 def build_module() -> ShaftModule:
-    """A tiny network. Its batch normalisation keeps to fixed statistics: those of a batch would
-    differ between ranks, and torch has none over all ranks on a CPU."""
-    torch.manual_seed(0)
-    coder = RegressionCoder(tuple(LOW), tuple(HIGH))
-    network = ShaftNetwork(InceptionV4Features(0.1875, 0.25), ArchitectureD, coder)
-    loss = ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
+    """A tiny network with fixed batch normalisation statistics: those of a batch would differ
+    between ranks, and torch does not synchronise them on a CPU."""
+    network = tiny_d(RegressionCoder(tuple(LOW), tuple(HIGH)))
     return ShaftModule(
-        network, loss, {}, "adam", learning_rate=1e-3, total_steps=STEPS, warmup_steps=0,
+        network, {}, LIMITS, "adam", learning_rate=1e-3, total_steps=STEPS, warmup_steps=0,
         frozen_norm_share=1.0,
     )  # fmt: skip
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,6 +9,7 @@ from shaftpose.network.default_boxes import pairwise_iou, to_centre
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.nms import nms_mask
 from shaftpose.network.pose_coding import RegressionCoder
+from tests.network.tiny import LIMITS
 
 
 def test_nms_by_hand() -> None:
@@ -56,7 +59,7 @@ DEFAULTS = to_centre(
 
 
 def outputs_for(logits: list[float]) -> HeadOutputs:
-    """Box 0 where its default is; 1 beyond the image; 2 moved onto 0. The pose tells them apart."""
+    """Box 0 is at its default; 1 extends beyond the image; 2 is moved onto 0. Poses differ."""
     boxes = torch.tensor([[0.0, 0.0, 0.5, 0.5], [0.5, 0.5, 1.2, 1.1], [0.0, 0.0, 0.5, 0.49]])
     class_logits = torch.stack([torch.zeros(3), torch.tensor(logits)], dim=-1)
     poses = torch.tensor([[0.0] * 5, [0.5] * 5, [-0.5] * 5])
@@ -64,7 +67,12 @@ def outputs_for(logits: list[float]) -> HeadOutputs:
 
 
 def test_decode_by_hand(pose_coder: RegressionCoder) -> None:
-    found = decode(outputs_for([1.0, 3.0, 2.0]), DEFAULTS, pose_coder, top_k=3, keep=3)
+    found = decode(
+        outputs_for([1.0, 3.0, 2.0]),
+        DEFAULTS,
+        pose_coder,
+        replace(LIMITS, top_k=3, max_detections=3),
+    )
     sigmoid = torch.tensor([3.0, 2.0]).sigmoid().tolist()
     assert found.scores[0].tolist() == pytest.approx([*sigmoid, 0.0])
     expected = torch.tensor([[149.5, 149.5, 299, 299], [0, 0, 149.5, 146.51], [0, 0, 0, 0]])
@@ -79,13 +87,16 @@ def test_top_k_and_keep_limit_the_detections(pose_coder: RegressionCoder) -> Non
     first, second = torch.tensor([3.0, 1.0]).sigmoid().tolist()
 
     def scores(top_k: int, keep: int) -> list[float]:
-        return decode(outputs, DEFAULTS, pose_coder, top_k=top_k, keep=keep).scores[0].tolist()
+        limits = replace(LIMITS, top_k=top_k, max_detections=keep)
+        return decode(outputs, DEFAULTS, pose_coder, limits).scores[0].tolist()
 
     assert scores(top_k=3, keep=2) == pytest.approx([first, second])
-    assert scores(top_k=2, keep=2) == pytest.approx([first, 0.0])  # 1 is no candidate
+    assert scores(top_k=2, keep=2) == pytest.approx([first, 0.0])  # 1 is not a candidate
     assert scores(top_k=3, keep=1) == pytest.approx([first])
 
 
 def test_no_detection_is_all_zeros(pose_coder: RegressionCoder) -> None:
-    found = decode(outputs_for([-200.0] * 3), DEFAULTS, pose_coder, top_k=3, keep=2)
+    found = decode(
+        outputs_for([-200.0] * 3), DEFAULTS, pose_coder, replace(LIMITS, top_k=3, max_detections=2)
+    )
     assert not any(values.any() for values in found)

@@ -43,7 +43,7 @@ def test_order_of_cells_is_that_of_the_default_boxes() -> None:
 
 
 def test_order_of_boxes_in_a_cell_is_that_of_the_default_boxes() -> None:
-    """Convolutions whose biases are the sizes of a cell's default boxes give them all back."""
+    """With a cell's default box sizes as biases, the convolutions return all default boxes."""
     head = ArchitectureC(CHANNELS, BOXES_PER_CELL, 1.0, pose_values=5)
     defaults, start = even_boxes(), 0
     for conv, size, boxes in zip(head.box_convs, MAP_SIZES, BOXES_PER_CELL, strict=True):

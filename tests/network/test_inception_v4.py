@@ -5,8 +5,8 @@ from torch import nn
 from shaftpose.errors import InputError
 from shaftpose.network.inception_v4 import MAP_SIZES, InceptionV4Features
 
-# Of Inception-v4 as a classifier of 1,000 classes: convolutions without bias, weight and bias of
-# each batch normalisation, and the last layer.
+# Inception-v4 as a classifier of 1,000 classes: convolutions without bias, weight and bias of each
+# batch normalisation, and the last layer.
 PUBLISHED_PARAMETERS = 42_679_816
 LAST_LAYER_PARAMETERS = 1536 * 1000 + 1000
 
@@ -23,14 +23,14 @@ def test_maps_of_the_full_network() -> None:
 def test_trunk_has_as_many_parameters_as_the_published_network() -> None:
     """The trunk, up to the third map, is the classifier without its last layer.
 
-    What else differs has no parameters: padding 1 in Reduction-B makes its map 9 x 9 instead of
-    8 x 8, and the pooling and dropout before the last layer are gone. The three stages to the
-    smaller maps are new, and counted apart.
+    The other differences have no parameters: padding 1 in Reduction-B makes its map 9 x 9 instead
+    of 8 x 8, and the pooling and dropout before the last layer are gone. The three stages to the
+    smaller maps are new, and counted separately.
     """
     with torch.device("meta"):
         backbone = InceptionV4Features()
     assert parameters(backbone.trunk) == PUBLISHED_PARAMETERS - LAST_LAYER_PARAMETERS == 41_142_816
-    # Each new stage: a 1 x 1 and a 3 x 3 convolution, batch normalisation behind both.
+    # Each new stage: a 1 x 1 and a 3 x 3 convolution, each with batch normalisation.
     new = [
         1536 * 256 + 2 * 256 + 9 * 256 * 512 + 2 * 512,
         512 * 128 + 2 * 128 + 9 * 128 * 256 + 2 * 256,
@@ -53,7 +53,7 @@ def test_narrow_and_shallow_networks_say_their_channels(width: float, depth: flo
 
 
 def test_depth_leaves_out_blocks_and_nothing_else() -> None:
-    """Three Inception-A, five B and two C less; all blocks of a kind are alike at width 1."""
+    """It leaves out three Inception-A, five B and two C; blocks of a kind are equal at width 1."""
     with torch.device("meta"):
         full, shallow = InceptionV4Features(), InceptionV4Features(depth=0.25)
     assert shallow.channels == full.channels

@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from shaftpose.batches import Targets
+from shaftpose.core.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.loss import LossTerms, ShaftLoss
@@ -51,7 +51,7 @@ def test_value_by_hand(pose_coder: RegressionCoder) -> None:
     assert terms.confidence.item() == pytest.approx(confidence)
     assert terms.box.item() == pytest.approx(box, rel=1e-5)
     assert terms.pose.item() == pytest.approx(pose)
-    assert terms.total.item() == pytest.approx(confidence + 1.5 * box + pose)
+    assert terms.loss.item() == pytest.approx(confidence + 1.5 * box + pose)
 
 
 def test_perfect_answer_costs_nothing(pose_coder: RegressionCoder) -> None:
@@ -71,19 +71,19 @@ def test_perfect_answer_costs_nothing(pose_coder: RegressionCoder) -> None:
     )
     terms = PAPER_LOSS(outputs, truth, defaults, pose_coder)
     assert terms.matched.item() == int(found.sum()) > 2
-    assert terms.total.item() == pytest.approx(0.0, abs=1e-6)
+    assert terms.loss.item() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_pose_classes_by_hand(bin_coder: BinCoder) -> None:
-    """Undecided but for pitch, of whose eight classes the fifth, 70..75 deg, is right."""
+    """All logits are equal except those of pitch, whose fifth class, 70..75 deg, is correct."""
     outputs = zero_outputs(pose_values=190)
-    outputs.poses.data[0, 2, 110 + 4] = math.log(7)  # exp of it is all that the others come to
+    outputs.poses.data[0, 2, 110 + 4] = math.log(7)  # its exp is the sum of those of the others
     terms = paper_loss(outputs, targets(), bin_coder)
     chances = [1 / 40, 1 / 40, 1 / 30, 1 / 2, 1 / 72]
     weighted = zip((1, 1, 2, 2, 2), chances, strict=True)
     assert terms.pose.item() == pytest.approx(sum(-beta * math.log(p) for beta, p in weighted))
     confidence = 4 * math.log(2)
-    assert terms.total.item() == pytest.approx(
+    assert terms.loss.item() == pytest.approx(
         confidence + 1.5 * terms.box.item() + terms.pose.item()
     )
 
@@ -105,7 +105,7 @@ def test_images_without_pose_do_not_move_the_pose(
     pose_coder: PoseCoder = request.getfixturevalue(coder)
     outputs = zero_outputs(batch=2, pose_values=pose_coder.values)
     terms = paper_loss(outputs, with_and_without_pose(), pose_coder)
-    terms.total.backward()
+    terms.loss.backward()
     pose_gradient, class_gradient = outputs.poses.grad, outputs.class_logits.grad
     assert pose_gradient is not None and class_gradient is not None
     assert pose_gradient.isfinite().all()
@@ -127,14 +127,14 @@ def test_batch_without_any_ground_truth(pose_coder: RegressionCoder) -> None:
         torch.zeros(1, 0, dtype=torch.bool), torch.tensor([True]),
     )  # fmt: skip
     terms = paper_loss(zero_outputs(), empty, pose_coder)
-    terms.total.backward()
-    assert terms.total.item() == 0
+    terms.loss.backward()
+    assert terms.loss.item() == 0
 
 
 def test_half_precision_outputs_are_summed_in_float32(pose_coder: RegressionCoder) -> None:
     outputs = HeadOutputs(*(output.bfloat16() for output in zero_outputs()))
     with torch.autocast("cpu", dtype=torch.bfloat16):
         terms = paper_loss(outputs, targets(), pose_coder)
-    assert terms.total.dtype == torch.float32
+    assert terms.loss.dtype == torch.float32
     expected = paper_loss(zero_outputs(), targets(), pose_coder)
-    assert terms.total.item() == expected.total.item()
+    assert terms.loss.item() == expected.loss.item()

@@ -4,7 +4,7 @@ from shaftpose.network.default_boxes import to_centre
 from shaftpose.network.matching import match_boxes
 from tests.network.even_boxes import even_boxes
 
-# Four default boxes: a left half, a right half, the whole image, a small one far down.
+# Four default boxes: the left half, the right half, the whole image, a small one in the corner.
 DEFAULTS = to_centre(
     torch.tensor(
         [[0.0, 0.0, 0.5, 1.0], [0.5, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 1.0], [0.9, 0.9, 1.0, 1.0]]
@@ -17,9 +17,9 @@ def matched(boxes: list[list[float]], valid: list[bool]) -> list[int]:
 
 
 def test_overlap_from_the_threshold_on() -> None:
-    # With the left half: 0.4 / 0.5 = 0.8; with the whole image: 0.4.
+    # IoU with the left half: 0.4 / 0.5 = 0.8; with the whole image: 0.4.
     assert matched([[0.0, 0.0, 0.4, 1.0]], [True]) == [0, -1, -1, -1]
-    # With the left half: all of it; with the whole image: just 0.5, and a little less.
+    # With the left half: 1, then 0.98; with the whole image: exactly 0.5, then less.
     assert matched([[0.0, 0.0, 0.5, 1.0]], [True]) == [0, -1, 0, -1]
     assert matched([[0.0, 0.0, 0.49, 1.0]], [True]) == [0, -1, -1, -1]
     # With the left half 0.5 / 0.8 = 0.625; with the whole image 0.8.
@@ -27,7 +27,7 @@ def test_overlap_from_the_threshold_on() -> None:
 
 
 def test_every_ground_truth_gets_its_best_box() -> None:
-    # With the right half: 0.04 / 0.5; with the whole image: 0.04. Both below the threshold.
+    # IoU with the right half: 0.04 / 0.5; with the whole image: 0.04. Both below the threshold.
     assert matched([[0.6, 0.0, 0.8, 0.2]], [True]) == [-1, 0, -1, -1]
 
 

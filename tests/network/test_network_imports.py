@@ -4,7 +4,7 @@ import sys
 import pytest
 
 ONNX_ONLY = "import shaftpose.deployment.onnx_export"
-ALL_OF_NETWORK = "import shaftpose.network.module, shaftpose.network.checkpoint"
+ALL_OF_NETWORK = "import shaftpose.training.module, shaftpose.network.checkpoint"
 
 
 @pytest.mark.parametrize(

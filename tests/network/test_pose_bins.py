@@ -14,7 +14,7 @@ X, Z, PITCH, YAW = 0, 2, 3, 4
 
 
 def one_hot(coder: BinCoder, bins: Tensor) -> Tensor:
-    """Bins (..., 5) -> logits (..., K) that leave no doubt."""
+    """Bins (..., 5) -> logits (..., K), 10 for the bins and 0 for all others."""
     hot = [
         functional.one_hot(chosen, count)
         for chosen, count in zip(bins.unbind(-1), coder.bins, strict=True)
@@ -35,7 +35,7 @@ def centre_of(coder: BinCoder, dimension: int, chosen: int) -> float:
 
 
 def test_as_many_logits_as_bins(bin_coder: BinCoder) -> None:
-    assert bin_coder.bins == (40, 40, 30, 8, 72)  # 358 deg in steps of 5: the last one overhangs
+    assert bin_coder.bins == (40, 40, 30, 8, 72)  # 358 deg in steps of 5: the last bin overhangs
     assert bin_coder.values == 190
 
 
@@ -47,7 +47,7 @@ def test_as_many_logits_as_bins(bin_coder: BinCoder) -> None:
         (X, -19.0, 1),  # an edge belongs to the bin above it
         (X, 0.0, 20),
         (X, 19.0, 39),
-        (X, 20.0, 39),  # but for the upper edge of the range
+        (X, 20.0, 39),  # except the upper edge of the range
         (X, 25.0, 39),  # beyond the range: the outermost bin
         (X, -25.0, 0),
         (Z, 10.0, 0),
@@ -115,7 +115,7 @@ def test_cross_entropy_by_hand() -> None:
 
 
 def test_a_wrong_class_costs_the_same_however_far_it_is(bin_coder: BinCoder) -> None:
-    """Across the seam too, where a regression's targets are farthest apart."""
+    """Also across the seam, where a regression's targets are farthest apart."""
     truth, far, near = torch.tensor([[MIDDLE] * 3]), torch.tensor(MIDDLE), torch.tensor(MIDDLE)
     truth[..., YAW], near[YAW], far[YAW] = 357.0, 1.0, 180.0
     answers = torch.stack([truth[0, 0], near, far])[None]

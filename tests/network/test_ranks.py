@@ -1,4 +1,4 @@
-"""A training that is shared out among processes is the training of one."""
+"""A distributed training gives the same result as a single process."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Where cells look, from layers' sizes and, independently, from gradients."""
+"""Cell centres, from the sizes of layers and, independently, from gradients."""
 
 import pytest
 import torch
@@ -23,7 +23,7 @@ def test_branches_must_agree() -> None:
 
 
 def test_centres_by_hand() -> None:
-    """The unpadded stem: 17 cells of 8 px from the middle of 299 px to either side."""
+    """The unpadded stem: 17 cells of 8 px on either side of the middle of 299 px."""
     centres = InceptionV4Features(0.25, 0.25).cell_centres()
     assert [len(along) for along in centres] == list(MAP_SIZES)
     expected = [(149.5 + 8 * (cell - 17)) / 299 for cell in range(35)]
@@ -34,7 +34,7 @@ def test_centres_by_hand() -> None:
 
 @pytest.mark.parametrize(("level", "cell"), [(0, 8), (0, 17), (0, 25), (1, 5), (1, 8), (2, 4)])
 def test_gradients_lie_where_the_cell_is_said_to_be(level: int, cell: int) -> None:
-    """The centroid of |d cell / d image|; cells whose sight the border cuts are left out."""
+    """The centroid of |d cell / d image|, without cells whose receptive field the border cuts."""
     torch.manual_seed(3)
     backbone = InceptionV4Features(0.25, 0.25).eval()
     image = torch.rand(4, 3, 299, 299, requires_grad=True)

@@ -10,9 +10,23 @@ from pathlib import Path
 
 import pytest
 
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.tree import Settings
+from shaftpose.training.recipe import Recipe, training_recipe
 from tests.pipeline.small_data import write_training_data
 
 ROOT = Path(__file__).parents[2]
+
+
+def settings_with(*overrides: str) -> Settings:
+    """The project's settings with overrides as on a stage's command line."""
+    return composed_settings(ROOT, *overrides)
+
+
+def recipe_with(*overrides: str) -> Recipe:
+    """The recipe of the training with these settings."""
+    return training_recipe(settings_with(*overrides)).resolved()
+
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -27,12 +41,12 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def inside(project: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The same folder as the current one."""
+    """The same folder, as the working directory."""
     monkeypatch.chdir(project)
     return project
 
 
-# What users set in params.yaml, and what the tests need; without the comments behind it.
+# Settings that users change in params.yaml -> values for the tests. Trailing comments are dropped.
 SETTINGS = {
     "profile": "smoke",
     "variants": "[c, d, d_noise, d_noise_real]",
@@ -42,7 +56,7 @@ SETTINGS = {
 
 @pytest.fixture(scope="session")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tracked files as they are now, but for `SETTINGS`, a Git repository of their own."""
+    """A Git repository of the tracked files as they are now, changed by `SETTINGS`."""
     folder = tmp_path_factory.mktemp("clone")
     copy_tracked(ROOT, folder)
     (folder / "dvc.lock").unlink(missing_ok=True)
@@ -83,7 +97,7 @@ def run(clone: Path) -> Run:
             "PYTHONPATH": str(clone / "src"),
         }
         environment.pop("MLFLOW_TRACKING_URI", None)
-        # Trainings of seconds would be over before the first of MLflow's samples, 10 s apart.
+        # Trainings of seconds would end before MLflow's first sample, after 10 s.
         environment["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "1"
         return subprocess.run(
             command, cwd=clone, env=environment, capture_output=True, text=True, timeout=900
@@ -93,7 +107,7 @@ def run(clone: Path) -> Run:
 
 
 def replace_in(path: Path, old: str, new: str) -> None:
-    """Replace text that must be there."""
+    """Replace text that must exist."""
     text = path.read_text()
     assert old in text, f"{path} lacks {old!r}"
     path.write_text(text.replace(old, new))

@@ -1,14 +1,14 @@
-"""Data of a training in miniature: what the stages before it leave, but quickly drawn."""
+"""Training data in miniature: the outputs of the earlier stages, but quickly drawn."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from shaftpose.dataset.split import Split, write_split
-from shaftpose.geometry import Camera, ShaftPose
-from shaftpose.images import write_jpeg
-from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 
 SIDE = 299
 PER_SHARD = 6

@@ -1,9 +1,8 @@
-"""What a user may get wrong ends in one line that names it, and status 1."""
+"""A user's mistake ends in one line that names it, and status 1."""
 
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +11,12 @@ import torch
 
 from shaftpose.backgrounds.library import write_library
 from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.dataset.real_folder import copy_real
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose
-from shaftpose.images import write_jpeg
-from shaftpose.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
-from tests.pipeline.conftest import ROOT, Run
-
-sys.path.insert(0, str(ROOT / "pipelines"))
-
-from real_images import copy_real  # noqa: E402
+from tests.pipeline.conftest import Run
 
 
 def complaint(run: Run, *command: str) -> str:
@@ -29,7 +25,7 @@ def complaint(run: Run, *command: str) -> str:
 
 
 def last_line(result: subprocess.CompletedProcess[str]) -> str:
-    """The last line of what must have failed without a traceback."""
+    """The last line of a result that must have failed without a traceback."""
     assert result.returncode == 1, result.stdout
     assert "Traceback" not in result.stderr
     line = result.stderr.strip().splitlines()[-1]
@@ -96,7 +92,7 @@ def test_a_wrong_loss_weight_does_not_wait_for_the_render(run: Run, tmp_path: Pa
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder in which stages run and find what a test puts there."""
+    """A working directory of stages, with the files that a test puts there."""
     return tmp_path
 
 
@@ -139,7 +135,7 @@ def test_a_truncated_shard(stage: Run, folder: Path) -> None:
     path.write_bytes(path.read_bytes()[:-15_000])
     result = stage("validate.py")
     line = last_line(result)
-    # Two shards more of the smoke profile's 60 images are missing, and two of each test set.
+    # Two more shards of the smoke profile's 60 images are missing, and two of each test set.
     shard = path.relative_to(folder)
     expected = f"error: {shard}: 000000000 to 000000019: truncated or damaged (problem 1 of 7)"
     assert line.startswith(expected)
@@ -190,7 +186,7 @@ def test_corrupt_backgrounds_alone(stage: Run, folder: Path) -> None:
 
 
 def write_real(folder: Path, boxes: dict[str, list[float]]) -> Path:
-    """A folder of real images, 60 x 40 px with one shaft each, the first of which train."""
+    """A folder of real images, 60 x 40 px with one shaft each; the first one is for training."""
     names = sorted(boxes)
     for name in names:
         grey_image(folder / "images" / name)
@@ -226,7 +222,7 @@ def test_a_missing_real_image(stage: Run, folder: Path) -> None:
     assert f"{real / 'test.json'}: names {real / 'images/b.jpg'}" in line
 
 
-# Starting a stage takes seconds: what follows calls its function.
+# Starting a stage takes seconds: the tests below call its function.
 
 
 def test_good_real_images_replace_those_of_an_earlier_run(tmp_path: Path) -> None:

@@ -1,24 +1,23 @@
-"""A training whose result is there is not repeated: a sweep that was interrupted goes on."""
+"""A finished training is not repeated, so that an interrupted sweep resumes."""
 
 import inspect
 import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import mlflow
 import pytest
 
-from tests.pipeline.conftest import ROOT
-from tests.pipeline.test_configs import composed
+from pipelines import train as stage
+from shaftpose.settings.parsing import as_plain
+from shaftpose.settings.tree import Settings
+from shaftpose.training import run
+from tests.pipeline.conftest import ROOT, settings_with
 from tests.pipeline.test_resume import kill_when
-
-sys.path.insert(0, str(ROOT / "pipelines"))
-
-import train  # noqa: E402
-from stage import Config  # noqa: E402
 
 SIZES = (
     "profile=smoke", "profiles.smoke.steps=1", "variant.start=null", "trainer=cpu",
@@ -27,60 +26,71 @@ SIZES = (
 SWEEP = ("-m", "hydra.sweep.dir=sweeps/mine", "loss.alpha=0.5,2.0", *SIZES)
 
 
-def run_stage(config: Config) -> dict[str, Any]:
-    """Run the stage in this process; returns what it notes of the training."""
-    inspect.unwrap(train.main)(config)  # without Hydra
-    facts: dict[str, Any] = json.loads((Path(config["out"]) / "training.json").read_text())
+def run_stage(settings: Settings) -> dict[str, Any]:
+    """Run the stage in this process; return its `training.json`."""
+    inspect.unwrap(stage.main)(settings)  # without Hydra
+    facts: dict[str, Any] = json.loads((settings.out / "training.json").read_text())
     return facts
 
 
 @pytest.fixture
-def config(inside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
-    """A training of one step."""
+def settings(inside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
+    """The settings of a training of one step."""
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    return composed(*SIZES, f"out={tmp_path}")
+    return settings_with(*SIZES, f"out={tmp_path}")
 
 
-def test_a_finished_training_is_not_repeated(config: Config, tmp_path: Path) -> None:
-    first = run_stage(config)
-    checkpoint = (tmp_path / "model.ckpt").stat()
-    assert run_stage(config) == first
-    assert (tmp_path / "model.ckpt").stat() == checkpoint
+def test_a_finished_training_is_not_repeated(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run_stage(settings)
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "fit", None)
+        assert run_stage(settings) == first
 
 
-def test_other_loss_weights_train_anew(config: Config, tmp_path: Path) -> None:
-    first = run_stage(config)
-    config["loss"]["alpha"] = 0.25
-    second = run_stage(config)
-    assert second["recipe"]["loss"] == config["loss"] != first["recipe"]["loss"]
+def test_other_loss_weights_train_anew(settings: Settings, tmp_path: Path) -> None:
+    first = run_stage(settings)
+    changed = replace(settings, loss=replace(settings.loss, alpha=0.25))
+    second = run_stage(changed)
+    assert second["recipe"]["loss"] == as_plain(changed.loss) != first["recipe"]["loss"]
     assert second["fingerprint"] != first["fingerprint"]
     assert second["training_id"] != first["training_id"]
 
 
+def test_earlier_settings_find_their_result_again(settings: Settings, tmp_path: Path) -> None:
+    """Even if DVC has removed the files in `out`."""
+    first = run_stage(settings)
+    checkpoint = (tmp_path / "model.ckpt").read_bytes()
+    run_stage(replace(settings, seed=settings.seed + 1))
+    assert (tmp_path / "model.ckpt").read_bytes() != checkpoint
+    (tmp_path / "model.ckpt").unlink()
+    assert run_stage(settings) == first
+    assert (tmp_path / "model.ckpt").read_bytes() == checkpoint
+
+
 @pytest.mark.parametrize("lost", ["model.ckpt", "curves.csv", "training.json"])
 def test_half_a_result_is_none(tmp_path: Path, lost: str) -> None:
-    for name in ("model.ckpt", "curves.csv"):
+    for name in ("model.ckpt", "curves.csv", "training.json"):
         (tmp_path / name).touch()
-    (tmp_path / "training.json").write_text('{"fingerprint": "abc"}')
-    assert train.is_finished(tmp_path, "abc")
-    assert not train.is_finished(tmp_path, "abd")
+    assert run.is_finished(tmp_path)
     (tmp_path / lost).unlink()
-    assert not train.is_finished(tmp_path, "abc")
+    assert not run.is_finished(tmp_path)
 
 
 def test_an_interrupted_training_leaves_no_result_of_another(
-    config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first = run_stage(config)
+    run_stage(settings)
 
     def interrupted(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    changed = {**config, "seed": config["seed"] + 1}
+    changed = replace(settings, seed=settings.seed + 2)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(train, "fit", interrupted)
+        patch.setattr(run, "fit", interrupted)
         run_stage(changed)
-    assert not train.is_finished(tmp_path, first["fingerprint"])
+    assert not (tmp_path / "training.json").exists()
 
 
 def start_sweep(project: Path) -> subprocess.Popen[str]:
@@ -94,12 +104,12 @@ def start_sweep(project: Path) -> subprocess.Popen[str]:
 
 def test_an_interrupted_sweep_goes_on(inside: Path) -> None:
     first = kill_when(start_sweep(inside), "sweeps/mine/0/training.json", inside)
-    written_at = first.stat().st_mtime_ns
+    first_id = json.loads(first.read_text())["training_id"]
     process = start_sweep(inside)
     output, _ = process.communicate()
     assert process.returncode == 0, output
     assert output.count(": finished; its result is in") == 1
-    assert first.stat().st_mtime_ns == written_at
+    assert json.loads(first.read_text())["training_id"] == first_id
     assert (inside / "sweeps/mine/1/training.json").is_file()
     mlflow.set_tracking_uri(f"sqlite:///{inside / 'mlflow.db'}")
     runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")

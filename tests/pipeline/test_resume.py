@@ -1,4 +1,4 @@
-"""A training that was killed goes on and ends as if nothing had happened, bit for bit."""
+"""A killed training resumes and ends bit for bit like an undisturbed one."""
 
 import csv
 import os
@@ -15,17 +15,11 @@ import torch
 from lightning import Callback, Trainer, seed_everything
 from torch import Tensor
 
-from tests.pipeline.conftest import ROOT
-from tests.pipeline.test_configs import composed
-
-sys.path.insert(0, str(ROOT / "pipelines"))
-
-import networks  # noqa: E402
-import settings  # noqa: E402
-import train  # noqa: E402
-
-from shaftpose.dataset.skipped import SkippedImages  # noqa: E402
-from shaftpose.network.curves import Curves  # noqa: E402
+from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.training.assembly import build_module, build_trainer, training_data
+from shaftpose.training.curves import Curves
+from shaftpose.training.run import fit
+from tests.pipeline.conftest import ROOT, recipe_with
 
 STEPS, LOG_EVERY = 5, 2
 SIZES = (
@@ -42,11 +36,11 @@ class Killed(Exception):
 
 
 STEP, VALIDATION = "the step after", "the validation after"
-Death = tuple[str, int]  # in the midst of what is done after so many steps
+Death = tuple[str, int]  # when it strikes, and after how many steps
 
 
 class Watched(Callback):
-    """Draws from torch's random numbers before each step, and may die."""
+    """Draws a random number from torch before each step, and raises `Killed` at its death."""
 
     def __init__(self, death: Death | None) -> None:
         self.death = death
@@ -67,22 +61,21 @@ class Watched(Callback):
 
 
 class Training:
-    """A training, as far as it goes."""
+    """A training, run until it ends or is killed."""
 
     def __init__(
         self, folder: Path, overrides: tuple[str, ...], death: Death | None = None
     ) -> None:
-        config = composed(*SIZES, *overrides)
-        sizes, chosen = settings.size(config), networks.variant(config)
+        recipe = recipe_with(*SIZES, *overrides)
         self.curves, self.watched = Curves(), Watched(death)
-        seed_everything(config["seed"], verbose=False)
-        self.trainer = train.build_trainer(config, sizes, folder, self.curves)
+        seed_everything(recipe.seed, verbose=False)
+        self.trainer = build_trainer(recipe, folder, self.curves)
         self.trainer.callbacks.insert(0, self.watched)
         self.trainer.log_every_n_steps = LOG_EVERY
-        self.module = train.build_module(config, sizes)
-        data = train.training_data(config, chosen, sizes, SkippedImages(folder / "skipped.txt"))
+        self.module = build_module(recipe)
+        data = training_data(recipe, SkippedImages(folder / "skipped.txt"))
         folder.mkdir(exist_ok=True)
-        train.fit(self.trainer, self.module, data, folder, folder)
+        fit(self.trainer, self.module, data, folder)
 
     @property
     def weights(self) -> dict[str, Tensor]:
@@ -91,7 +84,7 @@ class Training:
 
 @pytest.fixture(scope="module")
 def undisturbed(project: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Training]:
-    """Trainings that run through, by what is special about them."""
+    """Trainings without an interruption, by kind."""
     found = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(project)
@@ -188,7 +181,7 @@ def start_stage(project: Path, *overrides: str) -> subprocess.Popen[str]:
 
 
 def kill_when(process: subprocess.Popen[str], written: str, project: Path) -> Path:
-    """Kill a process as soon as a file is there that fits the pattern; returns the file."""
+    """Kill a process as soon as a file matches the pattern; return the file."""
     while not (found := list(project.glob(written))):
         assert process.poll() is None, process.communicate()[0]
         time.sleep(0.01)
@@ -206,14 +199,14 @@ def test_the_stage_goes_on_after_sigkill(
 ) -> None:
     last = kill_when(start_stage(project), "data/scratch/training/*/last.ckpt", project)
     assert not (project / "models/d/model.ckpt").exists()
-    # What does not determine the training may change in between, even what MLflow shows, and who
-    # reads the images: now a process of its own, as by default.
+    # Settings that do not determine the training may change before it resumes, even if MLflow logs
+    # them: the images are now read by a separate process, as by default.
     process = start_stage(project, SELDOM, "training.loader_workers=1")
     output, _ = process.communicate()
     assert process.returncode == 0, output
-    assert f"going on at step 3 with {last.relative_to(project)}" in output
+    assert f"resuming at step 3 from {last.relative_to(project)}" in output
     assert "not resumable" not in output
-    assert not last.parent.exists()
+    assert not last.exists()
     checkpoint = torch.load(project / "models/d/model.ckpt", weights_only=True)
     for name, value in undisturbed["plain"].weights.items():
         assert torch.equal(checkpoint["state_dict"][f"network.{name}"], value), name

@@ -1,10 +1,10 @@
-"""A stage refuses to write where another run writes, whatever the settings of the two."""
+"""A stage refuses to write to a folder that another run writes to, whatever their settings."""
 
 from pathlib import Path
 
 import pytest
 
-from shaftpose.rendering.locks import alone_in
+from shaftpose.farm.locks import alone_in
 from tests.pipeline.conftest import Run
 
 
@@ -18,6 +18,6 @@ def test_a_stage_is_refused_while_another_run_has_its_folder(
         done = run("env", f"--chdir={tmp_path}", *command)
     assert done.returncode == 1
     assert done.stderr.strip() == (
-        f"error: {out}: another run renders into this folder; let it end first"
+        f"error: {out}: another run is rendering into this folder; wait for it to end"
     )
     assert not out.exists()

@@ -1,4 +1,4 @@
-"""The whole pipeline, small: every stage real, from nothing to the report."""
+"""The complete pipeline at a small size: all real stages, from nothing to the report."""
 
 import json
 import re
@@ -28,12 +28,12 @@ def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> N
         assert row["steps"] == 6
     text = (finished / "reports/ablation.md").read_text()
     assert "stand-in" in text
-    assert "0.949" in text  # the paper's mAP of D stands beside ours
+    assert "0.949" in text  # the paper's mAP of D, next to ours
 
 
 def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
-    from shaftpose.dataset.split import read_keys
-    from shaftpose.shards import ShardedDataset
+    from shaftpose.core.shards import ShardedDataset
+    from shaftpose.core.split_lists import read_keys
 
     shards = ShardedDataset(finished / "data/render/images")
     keys = {
@@ -83,7 +83,7 @@ def test_second_run_does_nothing(finished: Path, run: Run) -> None:
 def test_a_fresh_clone_of_what_git_holds_runs_nothing(
     finished: Path, run: Run, tmp_path: Path
 ) -> None:
-    """Lock file, metrics and code tell that the results are up to date; data are not needed."""
+    """Lock file, metrics and code show that the results are up to date; data are not needed."""
     copy_tracked(finished, tmp_path)
     commit(tmp_path)
     assert not (tmp_path / "data/render").exists()
@@ -111,7 +111,7 @@ def test_changed_variant_runs_alone(finished: Path, run: Run) -> None:
     result = run("dvc", "repro", "--dry")
     replace_in(finished / "conf/variant/d_noise.yaml", "noise: 5", "noise: 10")
     stages = re.findall(r"Running stage '([^']+)'", result.stdout)
-    # A dry run cannot know that the new model will differ: what follows it is not listed.
+    # A dry run cannot know that the new model will differ: later stages are not listed.
     assert stages == ["train@d_noise"]
 
 
@@ -134,15 +134,15 @@ def test_trainings_of_a_sweep_are_recorded_at_the_confidence_of_their_models(
         "python", "pipelines/train.py", "-m", "variant=c", "seed=99", "hydra.sweep.dir=again"
     )
     assert trained.returncode == 0, trained.stderr[-3000:]
-    replace_in(finished / "params.yaml", "confidence: null", "confidence: 0.99")
-    result = run("python", "tools/evaluate_trainings.py", "again/0")
-    replace_in(finished / "params.yaml", "confidence: 0.99", "confidence: null")
+    replace_in(finished / "params.yaml", "confidence_threshold: null", "confidence_threshold: 0.99")
+    result = run("python", "-m", "studies.evaluate_trainings", "again/0")
+    replace_in(finished / "params.yaml", "confidence_threshold: 0.99", "confidence_threshold: null")
     assert result.returncode == 0, result.stderr[-3000:]
     (path,) = (finished / "reports/trainings").glob("c-99-*.json")
     assert f"recorded in {path.relative_to(finished)}" in result.stdout
     record = json.loads(path.read_text())
     assert record["row"]["steps"] == 6
-    assert record["recipe"]["detection"]["confidence"] is None
+    assert record["recipe"]["detection"]["confidence_threshold"] is None
     assert 0 < record["row"]["metrics"]["confidence"] < 0.99
 
 

@@ -1,4 +1,4 @@
-"""A training whose time is up before its last step leaves a whole result."""
+"""A training that reaches its time limit leaves a complete result."""
 
 import csv
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.pipeline.test_configs import composed
+from tests.pipeline.conftest import settings_with
 from tests.pipeline.test_finished import run_stage
 from tests.pipeline.test_resume import SELDOM, SIZES, STEP, STEPS, Killed, Training
 
@@ -17,7 +17,7 @@ def test_a_training_without_time_takes_a_step_and_is_validated(
     inside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    facts = run_stage(composed(*SIZES, OVER_AT_ONCE, f"out={tmp_path}"))
+    facts = run_stage(settings_with(*SIZES, OVER_AT_ONCE, f"out={tmp_path}"))
     assert facts["steps"] == 1 < STEPS
     checkpoint = torch.load(tmp_path / "model.ckpt", weights_only=True)
     assert checkpoint["global_step"] == 1
@@ -40,7 +40,7 @@ def test_the_time_before_an_interruption_counts(inside: Path, tmp_path: Path) ->
     assert resumed.trainer.global_step == 4
     curves = {(step, name): value for step, name, value in resumed.curves.rows}
     assert (3, "validation/mAP") in curves
-    # The learning rate is that of all steps; the second group of weights has it as it is.
+    # The schedule is that of all steps; the second group of weights has the unscaled learning rate.
     assert resumed.module.total_steps == STEPS
     rate = resumed.module.learning_rate * resumed.module.learning_rate_factor(3)
     assert curves[3, "lr-Muon/pg2"] == pytest.approx(rate)

@@ -1,4 +1,4 @@
-"""The stage `train` as users run it: its script, in processes of its own."""
+"""The stage `train` as users run it: its script, in separate processes."""
 
 import json
 import os
@@ -13,26 +13,22 @@ import torch
 import yaml
 from torch import nn
 
-from shaftpose.dataset.split import read_keys
-from shaftpose.network.curves import Curves
-from shaftpose.network.precision import native_precision
-from shaftpose.shards import shard_paths
-from tests.pipeline.conftest import ROOT
+from shaftpose.core.shards import shard_paths
+from shaftpose.core.split_lists import read_keys
+from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.training.assembly import build_module, build_trainer
+from shaftpose.training.curves import Curves
+from shaftpose.training.data_identity import real_digest, rendered_digest
+from shaftpose.training.precision import native_precision
+from tests.pipeline.conftest import ROOT, recipe_with
 from tests.pipeline.small_data import write_training_data
-from tests.pipeline.test_configs import composed
-
-sys.path.insert(0, str(ROOT / "pipelines"))
-
-import digests  # noqa: E402
-import settings  # noqa: E402
-import train  # noqa: E402
 
 SIZES = (
     "profile=smoke", "profiles.smoke.steps=2", "variant.start=null",
     "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=4", "training.loader_workers=0",
 )  # fmt: skip
 CPU = ("trainer=cpu",)
-# torch has no batch normalisation over several processes of a CPU.
+# torch does not synchronise batch normalisation between processes on a CPU.
 TWO_PROCESSES = (
     "trainer=ddp", "trainer.accelerator=cpu", "trainer.devices=2", "trainer.sync_batchnorm=false",
 )  # fmt: skip
@@ -95,11 +91,11 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     assert done.returncode == 0, done.stderr
     noted = facts(folder)
     monkeypatch.chdir(folder)
-    assert noted["data"] == digests.rendered_digest()
-    assert noted["real"] == {"domain": "real", "images": 2, "digest": digests.real_digest()}
+    assert noted["data"] == rendered_digest()
+    assert noted["real"] == {"domain": "real", "images": 2, "digest": real_digest()}
     file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
-    settings = {key: value for key, value in file.items() if key not in ("name", "title")}
-    assert noted["variant"] == settings | {"start": False}  # see CPU
+    settings = {key: value for key, value in file.items() if key != "title"}
+    assert noted["variant"] == settings | {"start": False}  # see SIZES
     assert noted["start"] is None
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
@@ -108,7 +104,7 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
 
 
 def test_a_result_that_may_not_be_written_to_is_replaced(folder: Path) -> None:
-    """As DVC's cache: read-only, under a second name, and not where temporary files are."""
+    """Like a file in DVC's cache: read-only, with a second hard link, not in the scratch folder."""
     cached, result = folder / "cached", folder / "models/d/model.ckpt"
     cached.write_bytes(b"of another training")
     result.parent.mkdir(parents=True)
@@ -148,16 +144,17 @@ def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(folder: Path) 
 
 def test_the_loss_is_weighed_as_the_settings_say() -> None:
     weights = ("loss.alpha=0.25", "loss.gamma=7", "loss.beta=[1,2,3,4,6]")
-    config = composed(*SIZES, *weights)
-    loss = train.build_module(config, settings.size(config)).loss
+    network = build_module(recipe_with(*SIZES, *weights)).network
+    assert isinstance(network, SingleShotNetwork)
+    loss = network.loss
     assert (loss.alpha, loss.gamma, loss.beta.tolist()) == (0.25, 7.0, [1, 2, 3, 4, 6])
 
 
 def test_the_trainer_has_the_precision_and_the_clipping_of_the_settings(tmp_path: Path) -> None:
-    config = composed(
+    recipe = recipe_with(
         *SIZES, *CPU, "training.gradient_clip=0.5", "profiles.smoke.precision=bf16-mixed"
     )
-    trainer = train.build_trainer(config, settings.size(config), tmp_path, Curves())
+    trainer = build_trainer(recipe, tmp_path, Curves())
     assert (trainer.precision, trainer.gradient_clip_val) == ("bf16-mixed", 0.5)
 
 
@@ -182,6 +179,5 @@ def test_the_network_is_compiled_if_the_settings_say_so(monkeypatch: pytest.Monk
     compiled: list[nn.Module] = []
     monkeypatch.setattr(nn.Module, "compile", lambda network: compiled.append(network))
     for wanted in ("false", "true"):
-        config = composed(*SIZES, f"training.compile={wanted}")
-        module = train.build_module(config, settings.size(config))
+        module = build_module(recipe_with(*SIZES, f"training.compile={wanted}"))
     assert compiled == [module.network]

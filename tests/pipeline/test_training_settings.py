@@ -1,6 +1,5 @@
-"""Settings where they take effect: in the network's training, its images and its threshold."""
+"""Settings take effect in the network's training, its images and its confidence threshold."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,24 +7,22 @@ import numpy as np
 import pytest
 import torch
 
+from shaftpose.core.instruments import Detections
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.core.split_lists import first_images, read_keys
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import TrainingData, TrainingStream
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.deployment.export import validated_confidence
+from shaftpose.deployment.prediction import confidence_threshold
 from shaftpose.errors import InputError
-from shaftpose.instruments import Detections
-from shaftpose.shards import ShardedDataset
-from tests.pipeline.conftest import ROOT
+from shaftpose.network.building import initial_network
+from shaftpose.network.pose_network import PoseNetwork
+from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.training import assembly
+from shaftpose.training.assembly import build_module
+from tests.pipeline.conftest import recipe_with, settings_with
 from tests.pipeline.small_data import write_training_data
-from tests.pipeline.test_configs import composed
-
-sys.path.insert(0, str(ROOT / "pipelines"))
-
-import export  # noqa: E402
-import networks  # noqa: E402
-import predictions  # noqa: E402
-import settings  # noqa: E402
-import train  # noqa: E402
 
 POSES = ("head.pose", "pose_coder.")
 JITTER = {"brightness": [1, 2], "contrast": [3, 4], "saturation": [5, 6], "hue_deg": [7, 8]}
@@ -33,16 +30,15 @@ JITTER = {"brightness": [1, 2], "contrast": [3, 4], "saturation": [5, 6], "hue_d
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder in which everything here runs."""
+    """The working directory of all tests here."""
     write_training_data(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def training_data(folder: Path, *overrides: str) -> TrainingData:
-    config = composed("profile=smoke", "training.loader_workers=0", *overrides)
-    sizes, skipped = settings.size(config), SkippedImages(folder / "skipped")
-    return train.training_data(config, networks.variant(config), sizes, skipped)
+def data_of(folder: Path, *overrides: str) -> TrainingData:
+    recipe = recipe_with("profile=smoke", "training.loader_workers=0", *overrides)
+    return assembly.training_data(recipe, SkippedImages(folder / "skipped"))
 
 
 def stream(data: TrainingData) -> TrainingStream:
@@ -55,9 +51,9 @@ def test_the_optimiser_follows_the_profile() -> None:
     sizes = (
         "steps=40", "detector_steps=30", "warmup_steps=5", "learning_rate=0.003", "optimizer=adam",
     )  # fmt: skip
-    config = composed("profile=smoke", *(f"profiles.smoke.{size}" for size in sizes),
-                      "training.frozen_norm_share=0.25", "variant.start=null")  # fmt: skip
-    module = train.build_module(config, settings.size(config))
+    recipe = recipe_with("profile=smoke", *(f"profiles.smoke.{size}" for size in sizes),
+                         "training.frozen_norm_share=0.25", "variant.start=null")  # fmt: skip
+    module = build_module(recipe)
     assert (module.learning_rate, module.total_steps, module.warmup_steps) == (0.003, 40, 5)
     assert module.optimizer == "adam"
     assert module.frozen_norm_from == 30
@@ -67,34 +63,37 @@ def test_the_optimiser_follows_the_profile() -> None:
 def test_a_detector_takes_its_own_steps_and_no_pose_loss() -> None:
     sizes = ("steps=40", "detector_steps=30")
     overrides = "profile=smoke", *(f"profiles.smoke.{size}" for size in sizes)
-    config = train.with_detector_settings(composed("variant=detector", *overrides))
-    module = train.build_module(config, settings.size(config))
+    module = build_module(recipe_with("variant=detector", *overrides))
     assert module.total_steps == 30
-    assert module.loss.beta.tolist() == [0.0] * 5
-    other = composed("variant=d", *overrides)
-    assert train.with_detector_settings(other) == other
+    assert isinstance(module.network, SingleShotNetwork)
+    assert module.network.loss.beta.tolist() == [0.0] * 5
+    other = recipe_with("variant=d", *overrides)
+    assert (other.size.steps, other.loss.beta) == (40, (1.0, 1.0, 2.0, 2.0, 2.0))
+
+
+def started(path: Path, *overrides: str) -> PoseNetwork:
+    """The network that starts from the detector at `path`."""
+    recipe = recipe_with("profile=smoke", f"variant.start={path}", *overrides)
+    return initial_network(recipe.network())
 
 
 def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Path) -> None:
-    """Backbone, classes and boxes; its poses are its own. B has other buffers for them."""
-    alone = composed("profile=smoke", "variant=detector")
-    detector = train.build_module(alone, settings.size(alone))
+    """The weights of backbone, classes and boxes, not those of poses: B has other buffers there."""
+    detector = build_module(recipe_with("profile=smoke", "variant=detector"))
     path = tmp_path / "model.ckpt"
     state = {f"network.{name}": value + 1 for name, value in detector.network.state_dict().items()}
     torch.save({"state_dict": state, "identity": detector.identity}, path)
     for variant in ("b", "c", "d"):
-        config = composed("profile=smoke", f"variant={variant}", f"variant.start={path}")
-        weights = networks.initial_network(config).state_dict()
+        weights = started(path, f"variant={variant}").state_dict()
         learned = {name for name in weights if not name.startswith(POSES)}
         assert learned == {n for n in detector.network.state_dict() if not n.startswith(POSES)}
         assert all(torch.equal(weights[name], state[f"network.{name}"]) for name in learned)
-    deeper = composed("profile=smoke", f"variant.start={path}", "profiles.smoke.depth=0.5")
     with pytest.raises(InputError, match=r"'depth': 0.25}, not of .*'depth': 0.5}.*start=null"):
-        networks.initial_network(deeper)
+        started(path, "profiles.smoke.depth=0.5")
     state.pop("network.head.box_convs.0.bias")
     torch.save({"state_dict": state, "identity": detector.identity}, path)
     with pytest.raises(InputError, match=r"head.box_convs.0.bias is not in both networks"):
-        networks.initial_network(composed("profile=smoke", f"variant.start={path}"))
+        started(path)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +103,7 @@ def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Pat
 def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
     variant: str, noise: int, real: int, folder: Path
 ) -> None:
-    images = stream(training_data(folder, f"variant={variant}"))
+    images = stream(data_of(folder, f"variant={variant}"))
     jitter, *others = images.transforms
     assert isinstance(jitter, ColourJitter)
     assert others == ([UniformNoise(noise)] if noise else [])
@@ -114,14 +113,14 @@ def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
 
 def test_colours_change_as_the_settings_say(folder: Path) -> None:
     ranges = [f"training.augmentation.{key}={values}" for key, values in JITTER.items()]
-    (jitter,) = stream(training_data(folder, *ranges)).transforms
+    (jitter,) = stream(data_of(folder, *ranges)).transforms
     assert jitter == ColourJitter((1, 2), (3, 4), (5, 6), (7, 8))
 
 
 def test_symmetries_change_images_and_boxes_alike(folder: Path) -> None:
-    """The bars of these images lie in their boxes, wherever the images are turned to."""
-    plain = stream(training_data(folder))
-    turned = stream(training_data(folder, "training.augmentation.symmetries=true"))
+    """The bars of these images lie in their boxes, however the images are turned."""
+    plain = stream(data_of(folder))
+    turned = stream(data_of(folder, "variant.symmetries=true"))
     changed = 0
     for n in range(8):
         (rgb, known), (before, _) = turned[n], plain[n]
@@ -133,8 +132,8 @@ def test_symmetries_change_images_and_boxes_alike(folder: Path) -> None:
 
 
 def test_each_part_of_the_split_has_its_use(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No network, and no threshold of one, has seen a test image."""
-    data, lists = training_data(folder), folder / "data/split"
+    """Neither training nor the choice of the threshold sees a test image."""
+    data, lists = data_of(folder), folder / "data/split"
     rendered: Any = stream(data).rendered
     validation: Any = data.val_dataloader().dataset
     assert rendered.keys == read_keys(lists, "train")
@@ -142,10 +141,10 @@ def test_each_part_of_the_split_has_its_use(folder: Path, monkeypatch: pytest.Mo
     seen: list[str] = []
     image = np.zeros((299, 299, 3), dtype=np.uint8)
     monkeypatch.setattr(ShardedDataset, "rgb", lambda _, key: seen.append(key) or image)
-    export.validated_confidence(Blind())  # type: ignore[arg-type]
+    validated_confidence(Blind())  # type: ignore[arg-type]
     assert seen == read_keys(lists, "validation")
     seen.clear()
-    export.test_images(1)
+    first_images(folder / "data/render/images", lists, "test", 1)
     assert seen == read_keys(lists, "test")[:1]
 
 
@@ -155,7 +154,7 @@ class Blind:
     confidence = 0.37
 
     def __call__(self, images: np.ndarray) -> list[Detections]:
-        """Nothing, for each image."""
+        """No detections for each image."""
         return [Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5))) for _ in images]
 
 
@@ -163,5 +162,6 @@ class Blind:
 def test_detections_count_from_the_score_of_the_user_or_of_the_model(
     chosen: str, counts_from: float
 ) -> None:
-    config = composed("profile=smoke", f"detection.confidence={chosen}")
-    assert predictions.least_confidence(config, Blind()) == counts_from  # type: ignore[arg-type]
+    chosen_by_user = settings_with(f"detection.confidence_threshold={chosen}").detection
+    threshold = confidence_threshold(chosen_by_user.confidence_threshold, Blind())  # type: ignore[arg-type]
+    assert threshold == counts_from

@@ -1,25 +1,27 @@
-"""Runs a piece of Python in a process of its own: Blender holds one scene per process."""
+"""Runs Python code in a separate process, because Blender holds one scene per process."""
 
 import json
 import subprocess
 import sys
 from pathlib import Path
 
-from shaftpose.config import RenderSettings, to_json
+from shaftpose.settings.parsing import to_json
+from shaftpose.settings.parts import RenderSettings
 
 
 def start_python(
     script: str, folder: Path, settings: RenderSettings, **arguments: object
 ) -> subprocess.Popen[str]:
-    """Start `script`, which finds `settings` and `arguments` (JSON values) as variables.
+    """Start `script`, with `settings` and `arguments` (JSON values) as variables.
 
-    It leads a process group of its own, so that a test may kill it with all its workers.
+    It leads its own process group, so a test can kill it with all its workers.
     """
     (folder / "settings.json").write_text(to_json(settings))
     lines = [
         "import json",
         "from pathlib import Path",
-        "from shaftpose.config import RenderSettings, from_json",
+        "from shaftpose.settings.parsing import from_json",
+        "from shaftpose.settings.parts import RenderSettings",
         f"settings = from_json(RenderSettings, Path({str(folder / 'settings.json')!r}))",
         f"globals().update(json.loads({json.dumps(arguments)!r}))",
         script,
@@ -37,7 +39,7 @@ def start_python(
 
 
 def run_python(script: str, folder: Path, settings: RenderSettings, **arguments: object) -> None:
-    """Run `script` to its end; its output is the message of the failure."""
+    """Run `script` to its end; on failure its output is the message."""
     process = start_python(script, folder, settings, **arguments)
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 0, output

@@ -1,5 +1,5 @@
-"""What the rendering tests share. Blender holds one scene per process: the tests of this process
-share one Generator, all others run in processes of their own."""
+"""Fixtures of the rendering tests. Blender holds one scene per process: tests in this process share
+one Generator, all others use separate processes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -11,10 +11,11 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings, parse
-from shaftpose.geometry import Camera
-from shaftpose.images import write_jpeg
-from shaftpose.shards import Sample
+from shaftpose.core.geometry import Camera
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import Sample
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import RenderSettings
 
 if TYPE_CHECKING:
     from shaftpose.rendering.generator import Generator
@@ -26,7 +27,7 @@ IMAGES = 10
 
 @pytest.fixture(scope="session")
 def settings() -> RenderSettings:
-    """The repository's own settings at two samples."""
+    """The repository's settings at two samples."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
     quality = values["render"]["jpeg_quality"]
@@ -35,7 +36,7 @@ def settings() -> RenderSettings:
 
 @pytest.fixture(scope="session")
 def with_scene(settings: RenderSettings) -> Callable[..., RenderSettings]:
-    """A function: `settings` with some of its scene settings replaced."""
+    """A function that replaces some scene settings of `settings`."""
     return lambda **changed: replace(settings, scene=replace(settings.scene, **changed))
 
 
@@ -49,7 +50,7 @@ def camera(settings: RenderSettings) -> Camera:
 def backgrounds(
     settings: RenderSettings, tmp_path_factory: pytest.TempPathFactory
 ) -> Mapping[Path, str]:
-    """Three reddish photos of gradients and noise -> the ids of their sources."""
+    """Three reddish images of gradients and noise -> the ids of their sources."""
     folder = tmp_path_factory.mktemp("backgrounds")
     rng = np.random.default_rng(3)
     found = {}
@@ -71,13 +72,13 @@ def _photo(rng: np.random.Generator, size_px: int) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="session")
 def occluded_settings(with_scene: Callable[..., RenderSettings]) -> RenderSettings:
-    """Tissue before the shafts of every other image, so that both kinds are rendered in turn."""
+    """Tissue in front of the shafts in half of the images, so that both kinds occur."""
     return with_scene(occluder_probability=0.5)
 
 
 @pytest.fixture(scope="session")
 def generator(occluded_settings: RenderSettings, backgrounds: Mapping[Path, str]) -> "Generator":
-    """The one Generator, and so the one Blender scene, of this process."""
+    """The only Generator, and thus the only Blender scene, of this process."""
     from shaftpose.rendering.generator import Generator
 
     return Generator(occluded_settings, backgrounds, SEED)

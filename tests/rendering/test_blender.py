@@ -1,4 +1,4 @@
-"""What Blender renders, against exact geometry, Blender's own files and itself."""
+"""Blender's renders, against exact geometry, Blender's own files and other renders."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from blender_process import run_python
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
-from shaftpose.images import read_rgb
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.images import read_rgb
+from shaftpose.core.shards import Sample, encode_sample
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.rendering.scene import Scene
-from shaftpose.shards import Sample, encode_sample
+from shaftpose.settings.parts import RenderSettings
+from tests.rendering.blender_process import run_python
 
 if TYPE_CHECKING:
     from shaftpose.rendering.blender import Foreground, Renderer
@@ -27,12 +27,12 @@ JPEG_QUALITY = 95
 LEFT_TO_RIGHT = ShaftPose(-12.0, 0.0, 20.0, 90.0, 0.0)
 TOP_TO_BOTTOM_BEHIND = ShaftPose(0.0, -14.0, 30.0, 90.0, 90.0)
 
-# A pass -> what the compositor calls it.
+# A pass -> its name in the compositor.
 PASSES = {"Combined": "Image", "IndexOB": "IndexOB"}
 
 ONE_IMAGE_ALONE = """
 from shaftpose.rendering.generator import Generator
-from shaftpose.shards import encode_sample
+from shaftpose.core.shards import encode_sample
 sources = {Path(path): source for path, source in backgrounds}
 sample = Generator(settings, sources, seed).sample(index)
 Path("image.rgb").write_bytes(sample.rgb.tobytes())
@@ -60,19 +60,19 @@ def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def extent(mask: NDArray[np.bool_]) -> tuple[int, ...]:
-    """x0, y0, x1, y1 by the coordinates of the pixels."""
+    """x0, y0, x1, y1 from the coordinates of the pixels."""
     rows, columns = np.nonzero(mask)
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
 
 
 def projected_rod(camera: Camera, pose: ShaftPose, settings: RenderSettings) -> NDArray[np.float32]:
-    """(N, 2) corners, px, of a shaft's outline in the image: of the hull of points of its surface,
-    for a rod is convex. It shares nothing with the rays that annotate what is hidden."""
+    """Corners (N, 2), px, of a shaft's outline in the image: the hull of projected surface points,
+    as a rod is convex. Independent of the rays of the amodal annotation."""
     radius, angles = settings.shaft.diameter_mm / 2, np.linspace(0, 2 * np.pi, 96, endpoint=False)
     around, along = np.meshgrid(angles, np.linspace(0, settings.shaft.length_mm, 601))
     rod = np.stack([radius * np.cos(around), radius * np.sin(around), along], axis=-1)
     points = rod.reshape(-1, 3) @ pose.rotation.T + pose.tip_mm
-    # What is nearer than 1 mm is out of view: `scene.lens_radius_mm` is 3.
+    # Points nearer than 1 mm are out of view: `scene.lens_radius_mm` is 3.
     hull = cv2.convexHull(camera.project(points[points[:, 2] > 1]).astype(np.float32))
     width, height = camera.width, camera.height
     image = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
@@ -171,7 +171,7 @@ def test_tissue_hides_a_part_of_the_shafts(
     assert min(instrument.visible_fraction for instrument in hidden) < 0.9
     for instrument in hidden:
         cylinder = cylinder_mask(camera, instrument.pose, settings)
-        # But for single pixels of the edge the visible mask lies inside the whole silhouette.
+        # Except single edge pixels, the visible mask lies inside the whole silhouette.
         assert (instrument.mask & ~cylinder).sum() <= 0.01 * cylinder.sum()
 
 
@@ -209,7 +209,7 @@ def test_an_image_is_the_same_alone_in_a_process(
     tmp_path: Path,
     occluded: bool,
 ) -> None:
-    # The last of its kind: it has the most images before it.
+    # The last of its kind, which has the most images before it.
     sample = [sample for sample in samples if is_occluded(sample) == occluded][-1]
     run_python(
         ONE_IMAGE_ALONE,
@@ -368,7 +368,7 @@ def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
     ("kelvin", "rgb"),
     [
         (3000.0, (1.0, 0.45, 0.15)),
-        (4750.0, (1.0, 0.725, 0.575)),  # halfway between the two beside it
+        (4750.0, (1.0, 0.725, 0.575)),  # halfway between its two neighbours
         (6500.0, (1.0, 1.0, 1.0)),
         (10000.0, (0.62, 0.75, 1.0)),
     ],
@@ -404,22 +404,22 @@ def test_passes_in_memory_equal_the_files_that_blender_writes(
 ) -> None:
     scenes = (first_scene(generator, index) for index in range(50))
     scene = next(s for s in scenes if len(s.shafts) == 2 and not s.occluders)
-    # In one piece, as the file is.
+    # In one piece, like the file.
     foreground = render_full_frame(renderer, scene, camera, monkeypatch)
     height, width = foreground.index.shape
     written = render_to_exr(tmp_path, height, width)
     assert foreground.linear[..., 3].max() == 1.0
     assert {*foreground.index.ravel()} == {0, 1, 2}
-    # 32-bit EXR: equal to the last bit.
+    # 32-bit EXR: bit-identical.
     np.testing.assert_array_equal(foreground.linear, written["Combined"])
-    for channel in range(3):  # a file of one channel is loaded as grey
+    for channel in range(3):  # a single-channel file is loaded as grey
         np.testing.assert_array_equal(foreground.index, written["IndexOB"][..., channel])
 
 
 def render_to_exr(folder: Path, height: int, width: int) -> dict[str, NDArray[np.float32]]:
-    """Render the scene as it stands to a 32-bit EXR file for each pass: (h, w, 4), top row first.
+    """Render the current scene to a 32-bit EXR file for each pass: (h, w, 4), top row first.
 
-    The node that writes them is Blender's compositor's; it takes the passes as they are.
+    A compositor node of Blender writes the passes unchanged.
     """
     import bpy
 

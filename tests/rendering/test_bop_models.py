@@ -21,7 +21,7 @@ def test_models_folder_describes_the_mesh(tmp_path: Path) -> None:
     write_models(tmp_path / "models", rod())
     info = json.loads((tmp_path / "models" / "models_info.json").read_text())["1"]
     assert info["symmetries_continuous"] == [{"axis": [0, 0, 1], "offset": [0, 0, 0]}]
-    # A rod of 3 mm and 150 mm from the tip on; its diagonal is sqrt(9 + 22500) = 150.03.
+    # A rod of 3 mm x 150 mm from the tip; its diagonal is sqrt(9 + 22500) = 150.03.
     assert [info[f"min_{axis}"] for axis in "xyz"] == pytest.approx([-1.5, -1.5, 0.0])
     assert [info[f"size_{axis}"] for axis in "xyz"] == pytest.approx([3.0, 3.0, 150.0])
     assert info["diameter"] == pytest.approx(150.03, abs=0.001)
@@ -41,7 +41,7 @@ def test_the_ply_file_holds_the_mesh_in_triangles(tmp_path: Path) -> None:
     assert {line.split()[0] for line in faces} == {"3"}
     read = trimesh.load(tmp_path / "obj_000001.ply")
     np.testing.assert_allclose(read.extents, [3, 3, 150], atol=1e-5)
-    # Closed, and of the volume of a prism whose base has its corners on the rod's circle.
+    # Closed, with the volume of a prism whose base is inscribed in the rod's circle.
     sides = sum(len(face) == 4 for face in mesh.faces)
     base = sides / 2 * 1.5**2 * np.sin(2 * np.pi / sides)
     assert read.is_watertight
@@ -49,7 +49,7 @@ def test_the_ply_file_holds_the_mesh_in_triangles(tmp_path: Path) -> None:
 
 
 def test_models_that_are_written_again_leave_links_to_the_old_files(tmp_path: Path) -> None:
-    """DVC's cache may be one."""
+    """DVC's cache may hold such links."""
     write_models(tmp_path / "models", rod())
     files = ("models_info.json", "obj_000001.ply")
     before = {name: (tmp_path / "models" / name).read_text() for name in files}

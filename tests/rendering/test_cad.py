@@ -1,4 +1,4 @@
-"""CAD files of an instrument whose size and place are known, in all formats and orientations."""
+"""CAD files of an instrument of known size and position, in all formats and orientations."""
 
 import logging
 from pathlib import Path
@@ -9,13 +9,13 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from shaftpose.config import CadSettings
 from shaftpose.errors import InputError
 from shaftpose.rendering.cad import cad_mesh
+from shaftpose.settings.parts import CadSettings
 
 Array = NDArray[np.float64]
 
-# Columns: where the file's z axis, along the instrument, points to.
+# Columns: directions of the file's axes; z is along the instrument.
 AXES = {"x": np.roll(np.eye(3), 1, axis=0), "y": np.roll(np.eye(3), 2, axis=0), "z": np.eye(3)}
 
 
@@ -43,7 +43,7 @@ def random_rotation(seed: int) -> Array:
 
 
 def assert_in_shaft_frame(vertices: Array) -> None:
-    """The instrument's tip is in the origin and its handle, off the axis, at z = 100 .. 120."""
+    """The instrument's tip is at the origin and its handle, off the axis, at z = 100 .. 120."""
     assert vertices[:, 2].min() == pytest.approx(0, abs=1e-3)
     assert vertices[:, 2].max() == pytest.approx(120, abs=1e-3)
     shaft, handle = vertices[vertices[:, 2] < 99], vertices[vertices[:, 2] > 101]
@@ -59,7 +59,7 @@ def test_formats(suffix: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) 
     with caplog.at_level(logging.INFO, logger="shaftpose"):
         mesh = cad_mesh(CadSettings(path, "mm", axis="z", tip="low"))
     assert_in_shaft_frame(mesh.vertices)
-    # The handle's edges are 6 and 4 mm beside the axis.
+    # The handle's edges are 6 and 4 mm from the axis.
     assert [(r.levelname, r.getMessage()) for r in caplog.records] == [
         ("INFO", f"{path}: 120 mm long and up to 14.4 mm thick, read in mm")
     ]
@@ -79,7 +79,7 @@ def test_axis_and_end_can_be_named(axis: str, tip: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_axis_and_end_are_found(seed: int, tmp_path: Path) -> None:
-    """Along the principal axis, which the handle tilts by a little, the tip at the thinner end."""
+    """Along the principal axis, slightly tilted by the handle, with the tip at the thinner end."""
     body = moved(instrument(), random_rotation(seed), np.array([30.0, -5.0, 70.0]))
     vertices = cad_mesh(CadSettings(write(body, tmp_path / "tool.stl"), "mm")).vertices
     shaft, handle = vertices[vertices[:, 2] < 60], vertices[vertices[:, 2] > 100]
@@ -139,15 +139,15 @@ def test_an_unusual_size_is_used_with_a_warning(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """An instrument in cm or inch has one, if it is read in mm."""
+    """An instrument in cm or inch has an unusual size when read in mm."""
     rod = trimesh.creation.cylinder(diameter_mm / 2, length_mm, sections=64)
     rod.apply_scale({"mm": 1.0, "cm": 0.1, "inch": 1 / 25.4}[unit])
     path = write(rod, tmp_path / "rod.stl")
     with caplog.at_level(logging.WARNING, logger="shaftpose"):
         cad_mesh(CadSettings(path, "mm"))
         assert [record.getMessage() for record in caplog.records] == [
-            f"{path}: {size}, read in mm; an instrument has 60 mm or more and 1 to 15 mm: correct "
-            "shaft.cad.unit, or leave away what never enters the body"
+            f"{path}: {size}, read in mm; expected a length of at least 60 mm and a thickness of 1 "
+            "to 15 mm: correct shaft.cad.unit, or remove the parts that never enter the body"
         ]
         caplog.clear()
         cad_mesh(CadSettings(path, unit))
@@ -175,7 +175,7 @@ def test_an_unreadable_file_is_named(name: str, content: bytes, tmp_path: Path) 
 def test_a_missing_file_and_another_format_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"missing\.stl: cannot be read"):
         cad_mesh(CadSettings(tmp_path / "missing.stl", "mm"))
-    with pytest.raises(InputError, match=r"tool\.step: no STL, OBJ or GLB file"):
+    with pytest.raises(InputError, match=r"tool\.step: not an STL, OBJ or GLB file"):
         cad_mesh(CadSettings(tmp_path / "tool.step", "mm"))
 
 

@@ -29,7 +29,7 @@ def test_srgb_curve(linear: float, level: int) -> None:
 def test_every_level_survives_linear_light_and_back() -> None:
     levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
     background = np.stack([levels] * 3, axis=-1)
-    # A trace of foreground sends the pixel through the blend.
+    # Even a trace of foreground makes the pixel take part in the blend.
     foreground = np.zeros((16, 16, 4), dtype=np.float32)
     foreground[..., 3] = 1e-6
     np.testing.assert_array_equal(composite(foreground, background), background)
@@ -37,7 +37,7 @@ def test_every_level_survives_linear_light_and_back() -> None:
 
 def test_without_foreground_the_bytes_are_kept() -> None:
     background = np.random.default_rng(1).integers(0, 256, (8, 9, 3)).astype(np.uint8)
-    # Light without coverage (a stray filter weight) must not show either.
+    # Light without coverage (a stray filter weight) must not be visible either.
     foreground = np.full((8, 9, 4), 0.3, dtype=np.float32)
     foreground[..., 3] = 0
     np.testing.assert_array_equal(composite(foreground, background), background)
@@ -95,7 +95,7 @@ def test_blur_spreads_an_edge_and_keeps_its_place() -> None:
     seen = apply_lens(image, replace(CLEAN, blur_px=2.0), 1)[50, :, 0].astype(int)
     assert np.all(np.diff(seen) >= 0)
     assert 40 < seen[49] < seen[50] < 120 < seen[51] < seen[52] < 200
-    # One standard deviation (2 px) beyond the edge 84 % of the step is reached.
+    # 84 % of the step is reached one standard deviation (2 px) beyond the edge.
     assert (seen[52] + seen[53]) / 2 == pytest.approx(40 + 0.8413 * 160, abs=4)
 
 
@@ -103,7 +103,7 @@ def test_motion_spreads_a_point_along_its_way() -> None:
     image = flat(0)
     image[50, 50] = 250
     seen = apply_lens(image, replace(CLEAN, motion_px=(6.0, 0.0)), 1)[..., 0].astype(int)
-    # 250 over a way of 6 px: 41 or 42 on each of 5 px, half of it on the two at the ends.
+    # 250 over a path of 6 px: 41 or 42 on each of 5 px, half of that on the two at the ends.
     assert np.count_nonzero(seen[:50]) == np.count_nonzero(seen[51:]) == 0
     assert np.all(np.abs(seen[50, 48:53] - 250 / 6) <= 2)
     assert seen[50, 47] == pytest.approx(21, abs=2)

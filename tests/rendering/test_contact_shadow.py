@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.contact_shadow import contact_shadow
 
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
@@ -50,7 +50,7 @@ def test_a_lamp_throws_the_shadow_to_its_other_side() -> None:
 
 
 def test_the_shadow_falls_where_geometry_says() -> None:
-    """A thin shaft across the view at 20 mm, 6 mm before its tissue, with a lamp 12 mm to the
+    """A thin shaft across the view at 20 mm, 6 mm in front of its tissue, with a lamp 12 mm to the
     left: f 12 (1/20 - 1/26) = 19.0 px to the right."""
     pose = ShaftPose(0.0, -40.0, 20.0, 90.0, 90.0)
     mask = np.zeros((299, 299), dtype=bool)

@@ -1,15 +1,15 @@
-"""The device that Cycles renders on, and what happens where there is none of its kind.
+"""The device that Cycles renders on, and the fallback if it is missing.
 
-The processes of these tests are shown no GPU: rendering on one is not tested."""
+GPUs are hidden from the processes of these tests: rendering on one is not tested."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blender_process import run_python
 
-from shaftpose.config import RenderSettings
+from shaftpose.settings.parts import RenderSettings
+from tests.rendering.blender_process import run_python
 
 SEED = 11
 
@@ -41,7 +41,7 @@ def on_the_cpu(
 def render(
     folder: Path, settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> tuple[bytes, str]:
-    """The bytes of image 0, rendered in a process, and the warnings given."""
+    """The bytes of image 0, rendered in a process, and the logged warnings."""
     pairs = [(str(path), source) for path, source in backgrounds.items()]
     run_python(RENDER, folder, settings, backgrounds=pairs, seed=SEED)
     return (folder / "image.rgb").read_bytes(), (folder / "warnings.txt").read_text()
@@ -82,5 +82,5 @@ assert {d.type: d.use for d in preferences.devices} == {"CUDA": True, "CPU": Fal
 def test_a_device_that_blender_names_is_chosen_without_the_cpu_beside_it(
     settings: RenderSettings, tmp_path: Path
 ) -> None:
-    """Blender's own preferences; only the list of the machine's devices has one more."""
+    """Blender's own preferences, with one device added to the machine's list."""
     run_python(CHOOSE, tmp_path, settings)

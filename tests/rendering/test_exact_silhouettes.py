@@ -1,8 +1,7 @@
 """Rendered masks over the whole range of poses, against a cylinder computed here.
 
-Nothing of it is shared with `shaftpose.geometry`, which annotates what is hidden: a ray is cut with
-the slab between the cylinder's ends and with the endless cylinder, whose distance from the ray is
-that of two lines.
+Independent of `core.geometry`, which computes amodal masks: a ray is intersected with the slab
+between the cylinder's ends and with the infinite cylinder, by the distance between two lines.
 """
 
 from collections.abc import Callable
@@ -11,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blender_process import run_python
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.poses import PoseSampler
+from shaftpose.settings.parts import RenderSettings
+from tests.rendering.blender_process import run_python
 
 POSES = 200
 LEAST_IOU = 0.99
@@ -32,7 +31,7 @@ np.save("masks.npy", np.packbits(masks, axis=-1))
 
 
 def cylinder_mask(pose: ShaftPose, settings: RenderSettings) -> NDArray[np.bool_]:
-    """(size, size) pixels whose centres' rays meet the cylinder in front of the camera."""
+    """Mask (size, size) of pixels whose rays hit the cylinder in front of the camera."""
     size, view = settings.camera.size_px, np.radians(settings.camera.view_deg)
     centres = (np.arange(size) + 0.5 - size / 2) * 2 * np.tan(view / 2) / size
     rays = np.stack([*np.meshgrid(centres, centres), np.ones((size, size))], axis=-1)
@@ -40,7 +39,7 @@ def cylinder_mask(pose: ShaftPose, settings: RenderSettings) -> NDArray[np.bool_
     axis = np.array([np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), -np.cos(pitch)])
     tip, radius = np.array([pose.x_mm, pose.y_mm, pose.z_mm]), settings.shaft.diameter_mm / 2
     normal = np.cross(rays, axis)
-    steep = np.linalg.norm(normal, axis=-1)  # of the ray against the axis, times its length
+    steep = np.linalg.norm(normal, axis=-1)  # ray's length x sine of its angle to the axis
     distance = np.abs(normal @ tip) / steep
     nearest = np.sum(normal * np.cross(tip, axis), axis=-1) / steep**2
     with np.errstate(invalid="ignore"):
@@ -48,7 +47,7 @@ def cylinder_mask(pose: ShaftPose, settings: RenderSettings) -> NDArray[np.bool_
     ends = (np.array([0, settings.shaft.length_mm])[:, None, None] + tip @ axis) / (rays @ axis)
     enter = np.maximum(nearest - half, np.maximum(ends.min(axis=0), 0))
     leave = np.minimum(nearest + half, ends.max(axis=0))
-    return np.asarray(enter < leave)  # False where half is NaN: the ray passes by
+    return np.asarray(enter < leave)  # False where half is NaN: the ray misses
 
 
 def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
@@ -69,7 +68,7 @@ def poses(
 def masks(
     poses: list[ShaftPose], settings: RenderSettings, tmp_path_factory: pytest.TempPathFactory
 ) -> NDArray[np.bool_]:
-    """(POSES, size, size), rendered by one process."""
+    """Masks (POSES, size, size), rendered by one process."""
     folder: Path = tmp_path_factory.mktemp("masks")
     arrays = [pose.as_array().tolist() for pose in poses]
     run_python(RENDER_SINGLES, folder, settings, poses=arrays)

@@ -3,13 +3,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_outline, shaft_mesh
 from shaftpose.rendering.poses import PoseSampler
+from shaftpose.settings.parts import RenderSettings
 
 DIAMETER_MM, LENGTH_MM = 3.0, 150.0
-# Runs beside the camera and on behind it: 60 % of it lies behind the image plane.
+# Passes next to the camera and behind it: 60 % of it lies behind the image plane.
 BESIDE_CAMERA = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
 
 

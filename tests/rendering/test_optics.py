@@ -1,14 +1,14 @@
-"""The lens over a pinhole's picture, against geometry alone."""
+"""Lens effects on a pinhole's image, against pure geometry."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from shaftpose.config import Distortion, RenderSettings
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.optics import camera_with, middle_camera, pinhole_behind, seen_by
+from shaftpose.settings.parts import Distortion, RenderSettings
 
 SIZE_MM = 3.0, 150.0
 POSES = [
@@ -58,7 +58,7 @@ def test_the_pinhole_holds_all_that_any_camera_of_the_set_sees(
             assert pixels.min() >= 0.49
             assert pixels.max() <= pinhole.width - 0.49
             farthest.append(pixels.max())
-    assert max(farthest) > pinhole.width - 1.51  # and it is no larger than that
+    assert max(farthest) > pinhole.width - 1.51  # and no larger than needed
 
 
 def test_pincushion_distortion_needs_no_margin(settings: RenderSettings, camera: Camera) -> None:
@@ -69,7 +69,7 @@ def test_a_distortion_that_leaves_corners_empty_is_refused(settings: RenderSetti
     with pytest.raises(InputError, match=r"lens\.distortion: k1 = -0\.1 with k2 = 0 ") as caught:
         pinhole_behind(with_lens(settings, (-0.1, 0.0)))
     assert "\n" not in str(caught.value)
-    # A round field hides the corners.
+    # A circular field of view hides the corners.
     pinhole_behind(with_lens(settings, (-0.1, 0.0), field_px=290.0))
 
 
@@ -79,7 +79,7 @@ def test_a_distortion_that_leaves_corners_empty_is_refused(settings: RenderSetti
 def test_masks_and_colours_are_where_the_camera_sees_them(
     settings: RenderSettings, k1: float, k2: float, field_px: float | None
 ) -> None:
-    """A cylinder's silhouette in the pinhole's picture against that by the camera's own rays."""
+    """A silhouette mapped from the pinhole's image against one by the camera's own rays."""
     ranges = with_lens(settings, (k1, k1), (k2, k2), field_px)
     camera, pinhole = camera_with(ranges, k1, k2), pinhole_behind(ranges)
     for pose in POSES:

@@ -1,6 +1,6 @@
-"""Instruments, light and lenses beyond the paper's setting, rendered, against geometry.
+"""Renders of instruments, light and lenses beyond the paper's setting, against geometry.
 
-Each set of options has a process of its own, which renders a few images and their annotations.
+A separate process for each set of options renders a few images and their annotations.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from blender_process import run_python
 from numpy.typing import NDArray
 
-from shaftpose.config import CadSettings, Distortion, RenderSettings
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth, mask_box
-from shaftpose.images import read_rgb
-from shaftpose.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.core.images import read_rgb
+from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.settings.parts import CadSettings, Distortion, RenderSettings
+from tests.rendering.blender_process import run_python
 
 IMAGES = 5
 SEED = 23
@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 RENDER = """
 import numpy as np
 from shaftpose.rendering.generator import Generator
-from shaftpose.shards import ShardWriter
+from shaftpose.core.shards import ShardWriter
 generator = Generator(settings, {Path(path): source for path, source in backgrounds}, seed)
 with ShardWriter(Path(shard), 95) as writer:
     for index in indices:
@@ -39,7 +39,7 @@ with ShardWriter(Path(shard), 95) as writer:
 
 @dataclass(frozen=True)
 class Shaft:
-    """What is known of one shaft of an image."""
+    """The annotations of one shaft of an image."""
 
     pose: ShaftPose
     mask: Mask
@@ -99,7 +99,7 @@ def corner_and_size(mask: Mask) -> list[int]:
     return [x0, y0, x1 - x0, y1 - y0]
 
 
-# A lens that bends and crops, before plain rods, of which one always crosses before another.
+# A lens with distortion and a circular field, and plain rods, one of which always crosses another.
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_masks_are_where_the_distorted_camera_sees_the_shafts(
         for number, shaft in enumerate(image.shafts):
             expected = np.isfinite(depths[number]) & (nearest == number)
             assert expected.sum() == pytest.approx(shaft.mask.sum(), rel=0.03)
-            # The mask is that of the nearest pixel of the pinhole's picture: off by a pixel.
+            # The mask uses the nearest pixel of the pinhole's image, so it may be off by a pixel.
             assert not (shaft.mask & ~grown(expected, 1)).any()
             assert not (expected & ~grown(shaft.mask, 1)).any()
 
@@ -155,12 +155,12 @@ def test_masks_are_where_the_distorted_camera_sees_the_shafts(
 def test_a_projected_tip_falls_on_its_mask(bent: list[Rendered], camera: Camera) -> None:
     moved = []
     for image in bent:
-        # The shaft that crosses is the last and before the others: nothing hides its tip.
+        # The crossing shaft is the last one and in front of the others: its tip is visible.
         shaft = image.shafts[-1]
         u, v = image.camera.project(shaft.pose.tip_mm)
         assert grown(shaft.mask, 1)[int(v), int(u)]
         moved.append(np.linalg.norm(camera.project(shaft.pose.tip_mm) - [u, v]))
-    assert max(moved) > 8  # px: without the distortion it would be somewhere else
+    assert max(moved) > 8  # px: the distortion has an effect
 
 
 def test_boxes_are_those_of_the_bent_masks(
@@ -238,7 +238,7 @@ def forceps(forceps_folder: Path) -> list[Rendered]:
 
 
 def jaw_ends(image: Rendered, shaft: Shaft) -> NDArray[np.float64]:
-    """Pixels (2, 2) a little inside the ends of both jaws: hinge 9 mm from the ends, 25 deg."""
+    """Pixels (2, 2) just inside the ends of both jaws: hinge 9 mm from the ends, 25 deg."""
     reach = 9.0 * np.cos(np.radians(25.0))
     offset = 8.5 * np.array([[0, np.sin(a), -np.cos(a)] for a in np.radians([25.0, -25.0])])
     # In the middle of a jaw's half circle, 0.4 of the shaft's radius thick.
@@ -299,7 +299,7 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
         assert first == second, suffix
 
 
-# The paper's setting, and each of two things that change pixels and no annotation.
+# The paper's setting, and two options that change pixels but no annotation.
 
 
 @pytest.fixture(scope="module")
@@ -358,14 +358,14 @@ def test_a_film_changes_the_shafts_alone(alike: dict[str, list[Rendered]]) -> No
     assert min(shares) > 0.1
 
 
-# A CAD file of a plain rod, for which geometry knows the masks.
+# A CAD file of a plain rod, whose exact masks are known.
 
 
 @pytest.fixture(scope="module")
 def cad_settings(
     settings: RenderSettings, tmp_path_factory: pytest.TempPathFactory
 ) -> RenderSettings:
-    """The settings' rod in metres, along x, with the tip at the high end, somewhere."""
+    """The settings' rod in metres, along x, off the origin, with the tip at the high end."""
     rod = trimesh.creation.cylinder(1.5, segment=[[-150, 0, 0], [0, 0, 0]], sections=128)
     rod.apply_translation([70, -20, 5])
     rod.apply_scale(0.001)
@@ -394,16 +394,16 @@ def test_masks_of_a_cad_file_are_those_of_its_shape(cad: list[Rendered]) -> None
         for number, shaft in enumerate(image.shafts):
             whole = np.isfinite(depths[number])
             assert iou(shaft.mask, whole & (nearest == number)) > 0.98
-            # Rendered alone, a hidden shaft is as large as geometry says.
+            # Rendered alone, a hidden shaft has its geometric size.
             assert shaft.info["px_count_all"] == pytest.approx(whole.sum(), rel=0.02)
             np.testing.assert_allclose(shaft.info["bbox_obj"], corner_and_size(whole), atol=1)
 
 
 CROSS = """
 import numpy as np
-from shaftpose.geometry import ShaftPose
+from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.generator import crossed_shares
-from shaftpose.shards import Instrument
+from shaftpose.core.shards import Instrument
 def instrument(visible, whole):
     masks = (np.isin(np.arange(9), pixels).reshape(3, 3) for pixels in (visible, whole))
     return Instrument(ShaftPose(0.0, 0.0, 20.0, 70.0, 0.0), *masks)

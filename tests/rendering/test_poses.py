@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.config import PoseRanges, RenderSettings
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
+from shaftpose.settings.parts import PoseRanges, RenderSettings
 
 IMAGES = 40
 STEP_MM = 0.1
@@ -78,7 +78,7 @@ def test_shafts_of_an_image_do_not_cut_each_other(
     pairs = [image.poses for image in drawn if len(image.poses) == 2]
     assert pairs
     for first, second in pairs:
-        # Every fifth point of one against all of the other: off by 0.25 mm along the axis at most.
+        # Every fifth point of one against all of the other: at most 0.25 mm off along the axis.
         a = axis_points(first, settings.shaft.length_mm)[::5]
         b = axis_points(second, settings.shaft.length_mm)
         squared = (a**2).sum(1)[:, None] + (b**2).sum(1)[None] - 2 * a @ b.T
@@ -93,7 +93,7 @@ def test_enough_of_every_shaft_is_visible(
         depths = np.stack([cylinder_depth(camera, pose, *size) for pose in image.poses])
         for depth in depths:
             visible = np.isfinite(depth) & (depth == depths.min(axis=0))
-            # The sampler looks at every 16th pixel only.
+            # The sampler checks only every 16th pixel.
             assert visible.sum() >= 0.85 * settings.scene.min_visible_px
 
 

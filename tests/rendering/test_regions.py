@@ -1,4 +1,4 @@
-"""The rectangles that are rendered, by hand and by what they promise."""
+"""The rendered rectangles, by hand and by their guarantees."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_two_rectangles_are_parted_if_that_saves_more_than_a_render_costs(turned
     if turned:
         mask = mask.T
         whole, *parts = (Region(r.y0, r.x0, r.y1, r.x1) for r in (whole, *parts))
-    # 40 x 24 = 960 px together; cut behind the first, 10 x 4 + 30 x 4 = 160 px.
+    # 40 x 24 = 960 px in one; split after the first, 10 x 4 + 30 x 4 = 160 px.
     assert cover(mask, 799) == parts
     assert cover(mask, 800) == [whole]
 

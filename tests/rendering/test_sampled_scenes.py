@@ -1,6 +1,6 @@
-"""Scenes as they are drawn for images: their poses fill the ranges, and no shaft cuts anything.
+"""Sampled scenes: their poses fill the ranges, and no shaft intersects another body.
 
-Whether bodies cut is judged by dense points of their surfaces instead of distances of axes.
+Intersection is checked with dense surface points instead of distances between axes.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings, ShaftSettings
-from shaftpose.geometry import ShaftPose
+from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.settings.parts import RenderSettings, ShaftSettings
 
 SCENES = 200
 SEED = 12
@@ -27,14 +27,14 @@ Points = NDArray[np.float64]
 def scenes(
     with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
 ) -> list[Scene]:
-    """The first images of a set in which a quarter has a further shaft that crosses another."""
+    """The first images of a set in which a quarter of the images has a crossing shaft."""
     settings = with_scene(crossing_probability=0.25)
     sampler = SceneSampler(settings, tuple(backgrounds), SEED)
     return [next(sampler.candidates(index)) for index in range(SCENES)]
 
 
 def surface(pose: ShaftPose, shaft: ShaftSettings) -> Points:
-    """(N, 3) points of the side and of both end discs, about STEP_MM apart."""
+    """Points (N, 3) on the side and on both end discs, about STEP_MM apart."""
     radius = shaft.diameter_mm / 2
     along = np.linspace(0, shaft.length_mm, round(shaft.length_mm / STEP_MM) + 1)
     around = np.linspace(0, 2 * np.pi, round(2 * np.pi * radius / STEP_MM), endpoint=False)
@@ -50,7 +50,7 @@ def surface(pose: ShaftPose, shaft: ShaftSettings) -> Points:
 
 
 def inside(points: Points, pose: ShaftPose, shaft: ShaftSettings) -> NDArray[np.bool_]:
-    """Which of the points (N, 3) lie in a shaft."""
+    """Whether points (N, 3) lie in a shaft."""
     local = (points - pose.tip_mm) @ pose.rotation
     between = (local[:, 2] > 0) & (local[:, 2] < shaft.length_mm)
     return between & (np.hypot(local[:, 0], local[:, 1]) < shaft.diameter_mm / 2)
@@ -95,7 +95,7 @@ def test_poses_reach_both_ends_of_every_range(
     share = (drawn - low) / (high - low)
     assert share.min() >= 0
     assert share.max() <= 1
-    # z has few poses near its lower end, where little of the range of x and y is in view.
+    # Few poses have a z near the lower end, where little of the range of x and y is in view.
     for name, column in zip(("x", "y", "z", "pitch", "yaw"), share.T, strict=True):
         counts, _ = np.histogram(column, BINS, (0, 1))
         assert counts.all(), f"{name}: {counts}"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.config import Distortion, Range, RenderSettings, SceneSettings
+from shaftpose.core.geometry import Camera, crossed_share, cylinder_depth
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, crossed_share, cylinder_depth
 from shaftpose.rendering.scene import Film, Lens, Scene, SceneSampler, Steel
+from shaftpose.settings.parts import Distortion, Range, RenderSettings, SceneSettings
 
 IMAGES = 12
 
@@ -66,7 +66,7 @@ def test_candidates_keep_the_numbers_of_the_first(
         {(len(s.shafts), len(s.occluders), s.crossing) for s in islice(sampler.candidates(k), 4)}
         for k in range(12)
     ]
-    assert all(len(found) == 1 for found in numbers)  # else those often refused would be rare
+    assert all(len(found) == 1 for found in numbers)  # else often rejected scenes would be rare
     assert len(set.union(*numbers)) > 4
 
 
@@ -103,7 +103,7 @@ def test_occluders_lie_between_camera_and_shaft(
             points = pose.tip_mm + along[:, None] * pose.direction
             points[:, 2] = np.maximum(points[:, 2], 4.0)  # not behind the camera
             distances = np.linalg.norm(points, axis=1)
-            # Some point near the tip lies on the lump's line of sight, and farther off.
+            # A point near the tip lies on the lump's line of sight, farther away.
             behind = np.argmax(points @ sight / distances)
             assert points[behind] @ sight / distances[behind] > 0.999
             assert distances[behind] > np.linalg.norm(lump.centre_mm)
@@ -157,7 +157,7 @@ def test_facts_survive_json(
 
 
 def with_all_options(settings: RenderSettings) -> RenderSettings:
-    """All that the paper's setting lacks, but for crossing shafts."""
+    """All options beyond the paper's setting, except crossing shafts."""
     lens = replace(
         settings.lens,
         motion_px=(1.0, 5.0),
@@ -198,7 +198,7 @@ def test_the_papers_setting_states_no_option(
 def test_the_papers_setting_draws_what_it_always_drew(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:
-    """A draw more or less before these numbers would change every image of a dataset."""
+    """One draw more or fewer before these numbers would change every image of a dataset."""
     first, _, third = scenes(settings, backgrounds, images=3)
     assert first.background.name == "background-2.jpg"
     pose = [-10.619591933207042, -2.602097910994317, 39.22558579777766, 85.907104, 302.234711]
@@ -214,7 +214,7 @@ def test_the_papers_setting_draws_what_it_always_drew(
 def test_options_leave_the_rest_of_an_image_as_it_is(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:
-    """They have generators of their own; this weak distortion refuses no pose of these images."""
+    """Options have their own generators; this weak distortion rejects no pose of these images."""
     plain = scenes(settings, backgrounds)
     for before, after in zip(plain, scenes(with_all_options(settings), backgrounds), strict=True):
         same = replace(
@@ -310,7 +310,7 @@ def test_a_crossing_shaft_passes_before_another_and_changes_no_other(
         if before.shafts[0] == first:
             kept += 1
             assert before.steels[0] == after.steels[0]
-    # Few first shafts, near the camera, let nothing pass before them: these are drawn again.
+    # A few first shafts near the camera leave no room for a crossing one and are drawn again.
     assert kept >= IMAGES / 2
 
 
@@ -349,7 +349,7 @@ def test_ranges_in_which_no_shaft_crosses_are_named(
 ) -> None:
     monkeypatch.setattr("shaftpose.rendering.scene._MOST_REDRAWS", 2)
     monkeypatch.setattr("shaftpose.rendering.poses._CROSSING_TRIES", 20)
-    # All shafts are parallel, and side by side or one above the other.
+    # All shafts are parallel, next to or above one another.
     poses = replace(settings.poses, pitch_deg=(89.9, 90.0), yaw_deg=(0.0, 0.1), z_mm=(20.0, 20.1))
     scene: SceneSettings = replace(settings.scene, instruments=(1, 1), crossing_probability=1.0)
     parallel = replace(settings, poses=poses, scene=scene)

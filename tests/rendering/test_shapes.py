@@ -3,10 +3,11 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from shaftpose.config import ShaftSettings, parse
 from shaftpose.errors import InputError
 from shaftpose.rendering.meshes import Mesh, shaft_mesh, wrapped_uv
 from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import ShaftSettings
 
 TIPS = ("flat", "chamfered", "rounded", "forceps")
 
@@ -18,7 +19,7 @@ def shaft(**changed: object) -> ShaftSettings:
 
 
 def solid(mesh: Mesh) -> trimesh.Trimesh:
-    """The mesh in triangles, fans of its faces, which are convex."""
+    """The mesh in triangles: fans of its convex faces."""
     fans = [(f[0], f[n], f[n + 1]) for f in mesh.faces for n in range(1, len(f) - 1)]
     return trimesh.Trimesh(mesh.vertices, fans, process=False)
 
@@ -40,7 +41,7 @@ def test_a_shape_is_closed_faces_outwards_and_fits_its_rod(tip: str) -> None:
 
 
 def rings(mesh: Mesh) -> list[tuple[float, float]]:
-    """Radius and z of the vertices, without doubles, from the tip on."""
+    """Radius and z of the vertices, without duplicates, from the tip."""
     pairs = {(round(float(np.hypot(x, y)), 6), round(float(z), 6)) for x, y, z in mesh.vertices}
     return sorted(pairs, key=lambda pair: (pair[1], pair[0]))
 
@@ -69,14 +70,14 @@ def test_jaws_open_by_their_angle(angle: float) -> None:
     jaws = np.split(vertices[2 * 96 :], 2)
     directions = []
     for jaw in jaws:
-        # Their flat sides meet in the x axis at the hinge; the end of each is a half circle, too.
+        # The flat sides meet at the hinge, the x axis; each end is also a half circle.
         hinge, end = np.split(jaw, 2)
         on_flat_side = [0, -1]
         directions.append(end[on_flat_side].mean(axis=0) - hinge[on_flat_side].mean(axis=0))
         assert np.linalg.norm(directions[-1]) == pytest.approx(12.0)  # three diameters
     cosine = directions[0] @ directions[1] / 12.0**2
     assert np.degrees(np.arccos(np.clip(cosine, -1, 1))) == pytest.approx(angle, abs=1e-4)
-    # They point away from the handle, one up, one down, and reach the origin's plane.
+    # The jaws point away from the handle, one up, one down, and reach the origin's plane.
     assert all(direction[2] < 0 for direction in directions)
     assert jaws[0][:, 1].mean() == pytest.approx(-jaws[1][:, 1].mean())
     assert vertices[:, 2].min() == pytest.approx(0)
@@ -115,7 +116,7 @@ def test_wrapped_texture_is_that_of_the_rod_but_for_where_it_begins() -> None:
 
 
 def test_wrapped_texture_follows_the_distance_from_the_axis() -> None:
-    """On the thin part of a mesh the texture is as fine as on the thick one."""
+    """The texture is equally fine on thin and thick parts of a mesh."""
     thin, thick = shaft_mesh(2.0, 50.0), shaft_mesh(20.0, 50.0)
     count = len(thin.vertices)
     faces = thin.faces + tuple(tuple(n + count for n in face) for face in thick.faces)

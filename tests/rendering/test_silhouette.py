@@ -3,12 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blender_process import run_python
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.poses import PoseSampler
+from shaftpose.settings.parts import RenderSettings
+from tests.rendering.blender_process import run_python
 
 NEAR = ShaftPose(-12.0, 0.0, 20.0, 90.0, 0.0)
 FAR = ShaftPose(0.0, -14.0, 30.0, 90.0, 90.0)
@@ -107,7 +107,7 @@ with contextlib.suppress(ValueError), blender_output_hidden():
 print("after", flush=True)
 os.write(1, b"still open")
 """
-    from blender_process import start_python
+    from tests.rendering.blender_process import start_python
 
     output, _ = start_python(script, tmp_path, settings).communicate(timeout=60)
     assert output.split() == ["before", "after", "still", "open"]

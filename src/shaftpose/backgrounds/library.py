@@ -1,19 +1,19 @@
 """The background library: source images, real or procedural, and their colour variations on disk.
 
-A library is a folder of square JPEG files and an `index.csv` that tells for each file its source
-image and how its colours were altered.
+A library is a folder of square JPEG files and an `index.csv` that lists the source image and the
+colour variation of each file.
 """
 
 import csv
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
-from shaftpose.backgrounds.tissue import TissueLook, render_tissue
+from shaftpose.backgrounds.tissue import MUCOSA, TissueLook, render_tissue
 from shaftpose.backgrounds.variations import (
     UNALTERED,
     Variation,
@@ -21,13 +21,13 @@ from shaftpose.backgrounds.variations import (
     sample_variation,
     vary_colour,
 )
+from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
+from shaftpose.core.images import Image, centre_square, read_rgb, write_jpeg
 from shaftpose.errors import InputError
 from shaftpose.files import new_file
-from shaftpose.images import Image, centre_square, read_rgb, write_jpeg
+from shaftpose.settings.parts import BackgroundSettings
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
-INDEX_NAME = "index.csv"
-INDEX_COLUMNS = ("file", "source", "hue_deg", "saturation", "brightness")
 JPEG_QUALITY = 95
 
 log = logging.getLogger(__name__)
@@ -35,12 +35,11 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class SourceImages:
-    """The images of a folder, decoded one at a time while they are iterated over.
+    """The images of a folder, decoded one at a time during iteration.
 
-    Iterating yields (id, RGB image). The id is the file's name, or that of the subfolder which it
-    lies in: frames of one operation are alike, and images of one id stay together in a split. Files
-    that cannot be read or decoded are passed over and collected in `skipped`, which is complete
-    when the iteration is.
+    Iterating yields (id, RGB image). The id is the file's name or its subfolder's: frames of one
+    operation are similar, and images with one id stay together in a split. Files that cannot be
+    read or decoded are skipped and collected in `skipped`, which is complete after the iteration.
     """
 
     folder: Path
@@ -73,8 +72,27 @@ class SourceImages:
             )
 
 
+def write_backgrounds(
+    settings: BackgroundSettings, sources: int, variations: int, side_px: int, seed: int, out: Path
+) -> None:
+    """Write the library of the settings: `sources` procedural tissues, or all of the user's images.
+
+    Raises InputError if the user's folder holds no readable image.
+    """
+    ranges = VariationRanges(settings.hue_deg, settings.saturation, settings.brightness)
+    if settings.source is None:
+        log.info("no image folder given: generating %d procedural tissues", sources)
+        tissues = procedural_sources(sources, seed, side_px, MUCOSA)
+        write_library(tissues, out, variations, ranges, seed, side_px, sources)
+    else:
+        images = read_source_images(Path(settings.source))
+        write_library(images, out, variations, ranges, seed, side_px, len(images))
+        log.info("%d unreadable images were skipped", len(images.skipped))
+    log.info("the backgrounds are in %s", out)
+
+
 def read_source_images(folder: Path) -> SourceImages:
-    """The image files beneath `folder`, sorted by relative path; nothing is decoded yet."""
+    """The image files below `folder`, sorted by relative path, not yet decoded."""
     if not folder.is_dir():
         raise InputError(f"background folder {folder} does not exist: create it and put images in")
     found = [path for path in folder.rglob("*") if _is_image_file(path)]
@@ -92,7 +110,7 @@ def _is_image_file(path: Path) -> bool:
 def procedural_sources(
     count: int, seed: int, size_px: int, look: TissueLook
 ) -> Iterator[tuple[str, Image]]:
-    """`count` (id, RGB image) of rendered tissue; image k depends on (seed, k) only."""
+    """`count` pairs (id, RGB image) of rendered tissue; image k depends on (seed, k) only."""
     for number in range(count):
         rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
         yield f"tissue-{number:06d}", render_tissue(rng, size_px, look)
@@ -109,8 +127,8 @@ def write_library(
 ) -> None:
     """Write `variations` squares of each source (id, RGB image), the first one unaltered.
 
-    `total` sources are expected, for the progress bar. The index comes last, so that a library
-    with an index is complete.
+    total: number of sources, for the progress bar. The index is written last, so a library with an
+    index is complete.
     """
     if variations < 1:
         raise InputError(f"variations per background is {variations}: set it to 1 or more")
@@ -152,53 +170,3 @@ def _as_row(variation: Variation) -> tuple[str, str, str]:
         f"{variation.saturation:.4f}",
         f"{variation.brightness:.4f}",
     )
-
-
-@dataclass(frozen=True)
-class Background:
-    """One file of a library and the id of the source image that it was made from."""
-
-    path: Path
-    source: str
-
-
-def read_library(folder: Path) -> list[Background]:
-    """The backgrounds that `index.csv` in `folder` lists, all of which are there."""
-    index = folder / INDEX_NAME
-    if not index.is_file():
-        raise InputError(f"{index} does not exist: run `dvc repro backgrounds`")
-    with index.open(newline="", encoding="utf-8") as stream:
-        rows = csv.DictReader(stream)
-        if rows.fieldnames is None or tuple(rows.fieldnames) != INDEX_COLUMNS:
-            columns = ",".join(INDEX_COLUMNS)
-            raise InputError(f"{index} lacks the columns {columns}: run `dvc repro backgrounds`")
-        backgrounds = [Background(folder / row["file"], row["source"]) for row in rows]
-    if not backgrounds:
-        raise InputError(f"{index} lists no backgrounds: run `dvc repro backgrounds`")
-    for background in backgrounds:
-        if not background.path.is_file():
-            raise InputError(
-                f"{background.path} is listed in {index} but missing: run `dvc repro backgrounds`"
-            )
-    return backgrounds
-
-
-def hold_out(
-    backgrounds: Sequence[Background], share: float, seed: int
-) -> tuple[list[Background], list[Background]]:
-    """Two lists that share no source image; the second has `share` of the sources, at least one.
-
-    Raises InputError for fewer than four sources: three must remain, one each for training,
-    validation and test images.
-    """
-    sources = sorted({background.source for background in backgrounds})
-    count = max(1, round(share * len(sources)))
-    if len(sources) - count < 3:
-        raise InputError(
-            f"{len(sources)} source image(s), a subfolder counting as one, of which {count} held "
-            "out leave fewer than three: give more images in backgrounds.source, or subfolders, or "
-            "lower backgrounds.held_out"
-        )
-    chosen = set(np.random.default_rng(seed).permutation(sources)[:count].tolist())
-    kept = [background for background in backgrounds if background.source not in chosen]
-    return kept, [background for background in backgrounds if background.source in chosen]

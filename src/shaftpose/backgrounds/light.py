@@ -1,4 +1,4 @@
-"""Light from the endoscope's tip on a relief: shading, fall-off and the highlights of its film."""
+"""Light from the endoscope's tip on a relief: shading, fall-off and wet highlights."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,21 +7,21 @@ from shaftpose.backgrounds.noise import Field, blurred, fractal_noise, pixel_gri
 from shaftpose.backgrounds.relief import VIEW
 
 Vectors = NDArray[np.float32]
-# Exponents on the light that faces the surface: less contrast in red, which scatters furthest.
+# Exponents of the diffuse term: less contrast in red, which scatters furthest.
 SCATTER = (0.85, 1.4, 1.3)
-# How far light travels beneath the surface, in image sides, in red; the other colours far less.
+# Distance that red light travels below the surface, in image sides; other colours far less.
 SCATTER_LENGTH = 0.004
-# Widths of creases in image sides and how much they darken. Wide hollows do so little: the light
-# comes from where the eye is.
+# Widths of creases in image sides and how much they darken. Wide hollows darken little, because
+# the light comes from the viewpoint.
 CREASES = ((0.02, 0.4), (0.06, 0.35), (0.16, 0.12))
 
 
 def scope_light(rng: np.random.Generator, height: Field, wet_share: float) -> tuple[Vectors, Field]:
-    """Light (S, S, 3) that falls on the tissue, and (S, S) the shine of its wet film."""
+    """The light (S, S, 3) on the tissue, and the shine (S, S) of its wet film."""
     depth = np.exp(np.float32(-VIEW) * height)
     x, y = (np.float32(VIEW) * ticks for ticks in pixel_grid(height.shape[0]))
     to_eye = -depth[..., None] * np.stack([x, y, -np.ones_like(x)], axis=-1)
-    # The light guide sits beside the lens.
+    # The light guide is next to the lens.
     to_light = to_eye + np.array([*rng.normal(0, 0.12, 2), 0], dtype=np.float32)
     square = np.sum(to_light**2, axis=-1)
     light = diffuse(normals(height), unit(to_light)) * (openness(height) / square)[..., None]
@@ -29,10 +29,10 @@ def scope_light(rng: np.random.Generator, height: Field, wet_share: float) -> tu
 
 
 def normals(height: Field) -> Vectors:
-    """(S, S, 3) unit normals in perspective, z towards the endoscope.
+    """Unit normals (S, S, 3) in perspective, z towards the endoscope.
 
-    With depth exp(-h) at the viewing ray (u, v, 1) the surface's tangents span a plane with the
-    normal (-h_u, -h_v, 1 - u h_u - v h_v).
+    At depth exp(-h) on the viewing ray (u, v, 1) the surface has the normal
+    (-h_u, -h_v, 1 - u h_u - v h_v).
     """
     slope_y, slope_x = np.gradient(height, 1 / height.shape[0])
     x, y = pixel_grid(height.shape[0])
@@ -41,7 +41,7 @@ def normals(height: Field) -> Vectors:
 
 
 def diffuse(normal: Vectors, to_light: Vectors) -> Vectors:
-    """Lambert's law, softened: light that enters tissue comes out again nearby, red most."""
+    """Lambert's law, softened by subsurface scattering, which is strongest in red."""
     facing = np.sum(normal * to_light, axis=-1)
     facing = np.clip((facing + np.float32(0.3)) / np.float32(1.3), 0.03, 1)
     red = blurred(facing, SCATTER_LENGTH)
@@ -49,7 +49,7 @@ def diffuse(normal: Vectors, to_light: Vectors) -> Vectors:
 
 
 def openness(height: Field) -> Field:
-    """How much light reaches a place, in (0, 1]: low in creases and beneath overhanging folds."""
+    """Share of light that reaches a point, in (0, 1]: low in creases and below folds."""
     shut = sum(
         np.float32(weight / sigma) * np.maximum(blurred(height, sigma) - height, 0)
         for sigma, weight in CREASES
@@ -60,9 +60,9 @@ def openness(height: Field) -> Field:
 def wet_shine(
     rng: np.random.Generator, height: Field, half: Vectors, square: Field, share: float
 ) -> Field:
-    """(S, S) mirror images of the lamp, broken up by the ripples of a wet film; 1 saturates.
+    """Reflections (S, S) of the lamp, broken up by the ripples of a wet film; 1 saturates.
 
-    The GGX lobe about the direction halfway between eye and lamp; `share` of the image saturates.
+    A GGX lobe about the half vector of eye and lamp; `share` of the image saturates.
     """
     size_px = height.shape[0]
     cells = rng.uniform(3, 18)
@@ -72,7 +72,7 @@ def wet_shine(
     mirror = np.clip(np.sum(normals(height + ripples) * unit(half), axis=-1), 0, 1)
     roughness = np.float32(rng.uniform(0.08, 0.2) ** 4)
     lobe = (roughness / (mirror**2 * (roughness - 1) + 1)) ** 2 / roughness
-    # The film is not everywhere, and far from the lamp it mirrors less light.
+    # The film is patchy, and reflects less light far from the lamp.
     lobe *= np.exp(np.float32(1.2) * smooth_noise(rng, size_px, 3)) / square
     edge = float(np.quantile(lobe[::2, ::2], 1 - share))
     glints = np.minimum(lobe / np.float32(max(edge, 1e-6)), 4)
@@ -80,11 +80,11 @@ def wet_shine(
 
 
 def sheen(rng: np.random.Generator, mirror: Field, square: Field) -> Field:
-    """The pale gloss, wide and weak, of moist tissue that is near and faces the lamp."""
+    """A pale, wide and weak gloss on moist tissue that is close to and faces the lamp."""
     gloss = blurred(mirror, 0.006) ** np.float32(rng.uniform(4, 16)) / square
     return np.float32(0.25 * rng.uniform(0, 1) ** 2 / float(gloss.max())) * gloss
 
 
 def unit(vectors: Vectors) -> Vectors:
-    """Vectors (..., 3) at length 1."""
+    """Vectors (..., 3) scaled to length 1."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), np.float32)

@@ -1,7 +1,7 @@
-"""Smooth random fields, the raw material of procedural tissue.
+"""Smooth random fields, the basis of procedural tissue.
 
 All fields are (size, size) float32 with a spread of about one; `cells` is the number of noise
-cells along an image's side, so that a field looks alike at every size.
+cells along an image's side, so a field looks the same at every size.
 """
 
 import cv2
@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 Field = NDArray[np.float32]
 Range = tuple[float, float]
-# Of `smooth_noise`, in samples: the width of its blur, and what is cut off around it.
+# Of `smooth_noise`, in samples: the width of its blur and the margin cropped afterwards.
 BLUR = 1.3
 MARGIN = 4
 
 
 def smooth_noise(rng: np.random.Generator, size_px: int, cells: float) -> Field:
-    """One octave: white noise, blurred at about three samples a cell and enlarged.
+    """One octave: white noise, blurred at about three samples per cell and enlarged.
 
-    The blur rather than the interpolation shapes the blobs, so no lattice shows.
+    The blur, not the interpolation, shapes the blobs, so no grid is visible.
     """
     samples = min(3 * cells, size_px)
     side = int(np.ceil(samples))
-    # The margin keeps out the blur's mirrored border, which would show as folds along the edges.
+    # The margin removes the blur's mirrored border, which would look like folds at the edges.
     padded = (side + 2 * MARGIN, side + 2 * MARGIN)
     white = rng.standard_normal(padded, dtype=np.float32)
     grid = cv2.GaussianBlur(white, (0, 0), BLUR)[MARGIN - 1 : 1 - MARGIN, MARGIN - 1 : 1 - MARGIN]
     grid = grid * np.float32(2 * BLUR * np.sqrt(np.pi))
-    # One more sample on each side, cut off again: at its ends the interpolation runs flat.
+    # One more sample on each side, cropped later: the interpolation is flat at its ends.
     extra_px = int(np.ceil(size_px / side))
     full_px = size_px + 2 * extra_px
     whole = cv2.resize(grid, (full_px, full_px), interpolation=cv2.INTER_CUBIC)
@@ -37,7 +37,7 @@ def smooth_noise(rng: np.random.Generator, size_px: int, cells: float) -> Field:
 def fractal_noise(
     rng: np.random.Generator, size_px: int, cells: float, octaves: int = 4, gain: float = 0.5
 ) -> Field:
-    """Octaves of `smooth_noise`, each twice as fine and `gain` times as strong as the last."""
+    """Sum of octaves of `smooth_noise`, each twice as fine and `gain` times as strong."""
     total = smooth_noise(rng, size_px, cells)
     for octave in range(1, octaves):
         total += np.float32(gain**octave) * smooth_noise(rng, size_px, cells * 2**octave)
@@ -47,7 +47,7 @@ def fractal_noise(
 def streaks(
     rng: np.random.Generator, size_px: int, angle: float, cells: float, stretch: float
 ) -> Field:
-    """Fibres along `angle` (radians), `stretch` times as long as wide, bent by slow noise."""
+    """Fibres along `angle` (radians), `stretch` times as long as wide, bent by smooth noise."""
     canvas_px = 2 * size_px
     shape = (int(2 * cells), max(int(2 * cells / stretch), 3))
     grid = rng.standard_normal(shape).astype(np.float32)
@@ -61,9 +61,9 @@ def streaks(
 
 
 def lobules(rng: np.random.Generator, size_px: int, cells: float) -> Field:
-    """Rounded cells side by side, `cells` along a side: 1 at their centres, falling to their seams.
+    """Adjacent rounded cells, `cells` along a side: 1 at their centres, lower at their borders.
 
-    The distance to the nearest of randomly strewn centres (Worley's F1), space bent by noise.
+    Based on the distance to the nearest random centre (Worley's F1), distorted by noise.
     """
     side_px = size_px + size_px // 4
     free = np.full((side_px, side_px), 255, dtype=np.uint8)
@@ -100,7 +100,7 @@ def smoothstep(field: Field, low: float, high: float) -> Field:
 
 
 def blurred(field: Field, sigma: float) -> Field:
-    """Gaussian blur with `sigma` in image sides; wide blurs are made on a smaller copy."""
+    """Gaussian blur with `sigma` in image sides; wide blurs are computed on a smaller copy."""
     size_px = field.shape[0]
     shrink = max(1, int(sigma * size_px / 4))
     small_px = max(size_px // shrink, 1)

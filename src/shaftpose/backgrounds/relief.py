@@ -1,7 +1,7 @@
-"""The shape of procedural tissue: a wall, a funnel into it, and the folds and bulges before it.
+"""The shape of procedural tissue: a wall, a funnel into it, and folds and bulges in front of it.
 
-Lengths are in image sides. Height is such that depth is exp(-VIEW * height): where the height is
-zero the depth is one, and a slope looks equally steep at every depth.
+Lengths are in image sides. Depth is exp(-VIEW * height): it is one at height zero, and a slope
+looks equally steep at every depth.
 """
 
 from dataclasses import dataclass
@@ -19,16 +19,18 @@ from shaftpose.backgrounds.noise import (
     smooth_noise,
 )
 
-# Pieces of different tissue in one image, the wall included.
+# Pieces of different tissue in one image, including the wall.
 SURFACES = 3
-# Width of the view at depth one: twice the tangent of half the angle of view, here 74 degrees.
+# Width of the view at depth one: twice the tangent of half the field of view, here 74 degrees.
 VIEW = 1.5
 
 
 @dataclass(frozen=True)
 class Relief:
-    """height: (S, S) float32; surface: (S, S) uint8 below SURFACES, which piece of tissue each
-    pixel shows (0 is the wall)."""
+    """Height field and tissue labels.
+
+    height: (S, S) float32; surface: (S, S) uint8 < SURFACES, tissue of each pixel (0: the wall).
+    """
 
     height: Field
     surface: NDArray[np.uint8]
@@ -37,11 +39,11 @@ class Relief:
 def make_relief(
     rng: np.random.Generator, size_px: int, folds: int, fold_radius: Range, opened: bool
 ) -> Relief:
-    """A wall, `opened` by a funnel or not, and `folds` before it, which hide what lies behind."""
+    """A wall, with a funnel if `opened`, behind a number of occluding `folds`."""
     height = wall(rng, size_px)
     if opened:
         height += funnel(rng, size_px)
-    # The wall may lie far behind the folds, where little light comes.
+    # The wall may lie far behind the folds, in little light.
     height -= np.float32(max(rng.uniform(-0.6, 0.6), 0))
     surface = np.zeros((size_px, size_px), dtype=np.uint8)
     for _ in range(folds):
@@ -51,19 +53,19 @@ def make_relief(
         else:
             surface[bulge > height] = rng.integers(1, SURFACES)
             height = melted(height, bulge, 0.004)
-    # A touch of blur turns cut edges into the rounded ones of soft tissue.
+    # A slight blur rounds the cut edges, as in soft tissue.
     return Relief(blurred(height, 0.004), surface)
 
 
 def melted(height: Field, bulge: Field, width: float) -> Field:
-    """The higher of the two, joined by a smooth valley of about `width`."""
+    """Smooth maximum of the two, joined by a valley of about `width`."""
     gap = height - bulge
     higher: Field = (height + bulge + np.sqrt(gap**2 + np.float32(width**2))) * np.float32(0.5)
     return higher
 
 
 def wall(rng: np.random.Generator, size_px: int) -> Field:
-    """The background: a tilted plane with slow undulation."""
+    """The background: a tilted plane with smooth undulation."""
     x, y = pixel_grid(size_px)
     tilt, direction = rng.uniform(0.1, 1.0), rng.uniform(0, 2 * np.pi)
     plane = np.float32(tilt) * (
@@ -73,14 +75,14 @@ def wall(rng: np.random.Generator, size_px: int) -> Field:
 
 
 def undulation(rng: np.random.Generator, size_px: int, strength: float) -> Field:
-    """Large swellings with ever finer ones on them."""
+    """Large bulges with successively finer ones on top."""
     cells = rng.uniform(1.2, 3)
     return np.float32(strength) * fractal_noise(rng, size_px, cells, octaves=4, gain=0.38)
 
 
 def fold(rng: np.random.Generator, size_px: int, radius: Range) -> Field:
     """One bulge: a bent, elongated dome that falls off steeply outside."""
-    # A bulge has no fine detail: half the resolution does, at a quarter of the time.
+    # A bulge has no fine detail: half the resolution suffices, in a quarter of the time.
     half_px = (size_px + 1) // 2
     half_width = rng.uniform(*radius)
     half_length = half_width * rng.uniform(1, 5)
@@ -93,17 +95,17 @@ def fold(rng: np.random.Generator, size_px: int, radius: Range) -> Field:
 
 
 def funnel(rng: np.random.Generator, size_px: int) -> Field:
-    """A tube that leads away from the endoscope, its mouth rounded, its wall in waves.
+    """A tube that leads away from the endoscope, with a rounded mouth and a wavy wall.
 
-    A tube of radius R about the optical axis has at the distance r from the image's centre the
-    depth R / r: here its logarithm, levelled outside the mouth and at the end of the tube.
+    At distance r from the image's centre a tube of radius R about the optical axis has the depth
+    R / r: this is its logarithm, flattened outside the mouth and at the tube's end.
     """
     half_width = rng.uniform(0.15, 0.6)
     distance = bent_ellipse(rng, size_px, half_width * rng.uniform(1, 2), half_width, 0.45)
     quartic = distance**4
     end = np.float32(rng.uniform(0.25, 0.6) ** 4)
     depth = -np.log((quartic + end) / (1 + quartic)) / np.float32(4 * VIEW)
-    # Rings or ridges around the tube, at even steps of its depth.
+    # Rings or ridges around the tube, evenly spaced in depth.
     steps = rng.uniform(2, 5) * depth + np.float32(0.25) * smooth_noise(rng, size_px, 2.5)
     rings = np.float32(max(rng.uniform(-0.02, 0.02), 0)) * np.sin(np.float32(2 * np.pi) * steps)
     return np.asarray(rings * np.minimum(4 * depth, 1) - depth, np.float32)
@@ -112,8 +114,8 @@ def funnel(rng: np.random.Generator, size_px: int) -> Field:
 def bent_ellipse(
     rng: np.random.Generator, size_px: int, half_length: float, half_width: float, reach: float
 ) -> Field:
-    """Distance from a random point, up to `reach` from the image's centre, in units of the
-    ellipse's radius, space bent by noise."""
+    """Distance from a random point, at most `reach` from the image's centre along x and y, in
+    units of the ellipse's radius, distorted by noise."""
     x, y = pixel_grid(size_px)
     bend = rng.uniform(0.1, 0.35) * np.sqrt(half_width)
     x = x - np.float32(rng.uniform(-reach, reach)) + np.float32(bend) * bending(rng, size_px)
@@ -126,5 +128,5 @@ def bent_ellipse(
 
 
 def bending(rng: np.random.Generator, size_px: int) -> Field:
-    """A smooth displacement (S, S) that bends straight forms."""
+    """A smooth displacement field (S, S)."""
     return smooth_noise(rng, size_px, 1.5) + np.float32(0.25) * smooth_noise(rng, size_px, 4)

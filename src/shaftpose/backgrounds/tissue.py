@@ -1,7 +1,7 @@
-"""Procedural endoscopic tissue: what an endoscope sees when no instrument is in view.
+"""Procedural endoscopic tissue: endoscope images without instruments.
 
 A relief of walls, funnels and folds (`relief`) is covered with tissue (`skin`), lit from the scope
-(`light`) and seen by its camera (`camera`). Colours are linear RGB up to the camera.
+(`light`) and seen by its camera (`exposure`). Colours are linear RGB before the camera.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.camera import add_highlights, develop, expose, smoke
+from shaftpose.backgrounds.exposure import add_highlights, develop, expose, smoke
 from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.light import scope_light
 from shaftpose.backgrounds.noise import Range, blurred
@@ -19,11 +19,11 @@ from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
 
 @dataclass(frozen=True)
 class TissueLook:
-    """What tells one kind of tissue from another. Ranges are drawn from once for each image.
+    """Parameters of one kind of tissue. Ranges are sampled once per image.
 
-    folds: how many; fold_radius: their half width in image sides; funnel_chance: of an opening that
-    leads away; fluid_chance: of blood or mucus in the hollows; wet_share: share of the image that
-    is highlight, all magnitudes alike; brightness: mean of the finished image, 0 to 1.
+    folds: number of folds; fold_radius: their half width in image sides; funnel_chance,
+    fluid_chance: probability of a funnel, and of blood or mucus in the hollows; wet_share: share
+    of highlights in the image, log-uniform; brightness: mean of the finished image, 0 to 1.
     """
 
     skin: SkinLook
@@ -74,8 +74,8 @@ STAND_IN = TissueLook(
 def render_tissue(
     rng: np.random.Generator, size_px: int, look: TissueLook = MUCOSA
 ) -> NDArray[np.uint8]:
-    """One (size, size, 3) RGB picture of tissue."""
-    # Filters see no neighbours beyond the border: a rim is rendered too and cut off.
+    """One (size, size, 3) RGB image of tissue."""
+    # Filters lack neighbours at the border, so a rim is rendered and cropped.
     rim_px = int(np.ceil(0.02 * size_px))
     folds = int(rng.integers(look.folds[0], look.folds[1] + 1))
     opened = bool(rng.random() < look.funnel_chance)
@@ -91,7 +91,7 @@ def render_tissue(
 
 
 def covering(rng: np.random.Generator, relief: Relief, look: SkinLook) -> Skin:
-    """The skin of all pieces of tissue, each where the relief shows it."""
+    """The skin of all pieces of tissue, placed by the relief's labels."""
     size_px = relief.height.shape[0]
     tones = palette(rng, look)
     colour = np.zeros((size_px, size_px, 3), dtype=np.float32)
@@ -99,7 +99,7 @@ def covering(rng: np.random.Generator, relief: Relief, look: SkinLook) -> Skin:
     for number in range(SURFACES):
         shown = (relief.surface == number).astype(np.float32)
         if shown.any():
-            # Blurred, since one tissue grows into the next where no step in height parts them.
+            # Blurred, because tissues merge where no step in height separates them.
             shown = blurred(shown, 0.006)
             piece = make_skin(rng, size_px, tones, look)
             colour += shown[..., None] * piece.colour

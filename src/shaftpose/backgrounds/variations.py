@@ -1,4 +1,4 @@
-"""More backgrounds from few: altered hue, saturation and brightness (paper, II)."""
+"""Background augmentation: altered hue, saturation and brightness (paper, II)."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ class VariationRanges:
 
 
 def sample_variation(rng: np.random.Generator, ranges: VariationRanges) -> Variation:
-    """A variation drawn evenly from `ranges`."""
+    """A variation drawn uniformly from `ranges`."""
     return Variation(
         hue_deg=rng.uniform(*ranges.hue_deg),
         saturation=rng.uniform(*ranges.saturation),
@@ -42,8 +42,8 @@ def sample_variation(rng: np.random.Generator, ranges: VariationRanges) -> Varia
 def vary_colour(
     image: NDArray[np.uint8], hue_deg: float, saturation: float, brightness: float
 ) -> NDArray[np.uint8]:
-    """The RGB image (H, W, 3) with its hue turned and its saturation and brightness scaled."""
-    # In float32, because OpenCV's 8-bit hue has 180 steps only, which show as bands.
+    """The RGB image (H, W, 3) with its hue shifted and its saturation and brightness scaled."""
+    # In float32, because OpenCV's 8-bit hue has only 180 steps, which cause banding.
     hsv = cv2.cvtColor(image.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2HSV)
     hsv[..., 0] = (hsv[..., 0] + hue_deg) % 360
     hsv[..., 1] = np.clip(hsv[..., 1] * saturation, 0, 1)

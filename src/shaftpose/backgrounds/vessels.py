@@ -6,27 +6,27 @@ from numpy.typing import NDArray
 
 from shaftpose.backgrounds.noise import Field
 
-# Vessels are drawn this many times larger and shrunk, so that capillaries are finer than a pixel.
+# Vessels are drawn at this scale and shrunk, so that capillaries are thinner than a pixel.
 OVERSAMPLING = 2
 STEP = 0.006
 FINEST_WIDTH = 0.0012
-# Bends of a vessel are this smooth, in steps.
+# Smoothing kernel of a vessel's bends, in steps.
 BEND = np.hanning(11)[1:-1] / 2
 
 
 def vessel_trees(
     rng: np.random.Generator, size_px: int, roots: int, width: float, grain: float
 ) -> Field:
-    """(S, S) in [0, 1], the blood in the way of the light; `width` of the roots in image sides.
+    """Amount of blood (S, S) in [0, 1] in the light's path.
 
-    `grain` (radians) is the direction that the roots keep to, more or less.
+    width: of the roots, in image sides; grain: approximate direction of the roots, in radians.
     """
     canvas = np.zeros((OVERSAMPLING * size_px, OVERSAMPLING * size_px), dtype=np.uint8)
     for _ in range(roots):
         start = rng.uniform(-0.1, 1.1, 2)
         heading = grain + rng.normal(0, 0.45)
         thickest = width * rng.uniform(0.25, 1)
-        # It comes up from the depth and dives again: thickest where it is nearest.
+        # A vessel rises and descends again: it is thickest where it is nearest.
         _grow(rng, canvas, start, heading, rng.uniform(0.1, 0.8), thickest)
         _grow(rng, canvas, start, heading + np.pi, rng.uniform(0.1, 0.8), thickest)
     shrunk = cv2.resize(canvas, (size_px, size_px), interpolation=cv2.INTER_AREA)
@@ -41,7 +41,7 @@ def _grow(
     length: float,
     width: float,
 ) -> None:
-    """Draw one vessel and its branches, the branches first so that the stem lies on top."""
+    """Draw one vessel and its branches; branches first, so that the stem is on top."""
     path, headings = _meander(rng, start, heading, max(int(length / STEP), 3))
     if width > FINEST_WIDTH:
         for _ in range(rng.integers(2, 4 + int(4 * length))):
@@ -66,7 +66,7 @@ def _meander(
 
 
 def _draw(canvas: NDArray[np.uint8], path: NDArray[np.float64], width: float) -> None:
-    """The path as a line whose width, then strength, tapers to its end."""
+    """Draw the path as a line whose width, then strength, tapers towards the end."""
     side = canvas.shape[0]
     points = np.round(path * side * 16).astype(np.int32)
     pieces = min(10, len(points) // 6 + 1)

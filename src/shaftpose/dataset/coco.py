@@ -4,41 +4,39 @@ import json
 import logging
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
 from pydantic import AfterValidator, AliasPath, ConfigDict, Field
 
-from shaftpose.config import PositiveInt, parse
+from shaftpose.core.geometry import mask_box
+from shaftpose.core.images import Image, centre_square, read_rgb
+from shaftpose.dataset import run_lengths
+from shaftpose.dataset.run_lengths import RunLengths
 from shaftpose.errors import InputError
 from shaftpose.files import new_file
-from shaftpose.images import Image, centre_square, read_rgb
-from shaftpose.shards import decode_mask
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.parts import PositiveInt
 
 log = logging.getLogger(__name__)
 
-# OpenCV fills in sixteenths of a pixel around centres and adds the outline. On a grid three times
-# as fine, whose every third point is a pixel's centre, the outline does not reach the next one.
-_SUBPIXEL_BITS = 4
-_FINER = 3
-
 _ROUNDING_PX = 1.0  # by which a box may leave its image: annotation tools round its numbers
+_FARTHEST_PX = 100_000  # pycocotools needs memory for each pixel that a polygon's outline passes
 
 
 @dataclass(frozen=True)
 class RealInstrument:
-    """One annotated shaft; box x0, y0, x1, y1 and polygons (N, 2) in pixels of the image file.
+    """One annotated shaft; box x0, y0, x1, y1 in pixels of the image file.
 
-    polygons is empty where only boxes are known.
+    mask: of the file's size; None where only the box is known.
     """
 
     box: tuple[float, float, float, float]
-    polygons: tuple[NDArray[np.float64], ...]
+    mask: RunLengths | None
     occluded: bool
 
 
@@ -88,7 +86,7 @@ class _Annotation:
 
     image_id: int
     bbox: Annotated[list[_Number], Field(min_length=4, max_length=4)]  # x, y, width, height
-    segmentation: Any = ()  # `_polygons` checks it
+    segmentation: Any = ()  # `_mask` checks it
     iscrowd: bool = False
     occluded: Annotated[bool, Field(validation_alias=AliasPath("attributes", "occluded"))] = False
 
@@ -179,17 +177,22 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Real
             f"image of {entry.width} x {entry.height}; mend the box"
         )
     (x0, y0), (x1, y1) = clipped.tolist()
-    polygons = _polygons(annotation.segmentation, entry, f"{where}.segmentation")
-    return RealInstrument((x0, y0, x1, y1), polygons, annotation.occluded)
+    mask = _mask(annotation.segmentation, entry, f"{where}.segmentation")
+    return RealInstrument((x0, y0, x1, y1), mask, annotation.occluded)
 
 
-def _polygons(segmentation: Any, entry: _ImageEntry, where: str) -> tuple[NDArray[np.float64], ...]:
-    """COCO's polygons, or run lengths turned into polygons, as arrays (N, 2)."""
+def _mask(segmentation: Any, entry: _ImageEntry, where: str) -> RunLengths | None:
+    """COCO's polygons or run lengths as a mask; None if they have no pixel in the image."""
     if isinstance(segmentation, dict):
-        segmentation = mask_polygons(_run_length_mask(segmentation, entry, where))
-    if not isinstance(segmentation, list | tuple):
-        raise InputError(f"{where} = {segmentation!r}: must be a list of polygons")
-    return tuple(_polygon(points, f"{where}[{n}]") for n, points in enumerate(segmentation))
+        mask = _filled(segmentation, entry, where)
+    elif isinstance(segmentation, list | tuple):
+        polygons = [_polygon(points, f"{where}[{n}]") for n, points in enumerate(segmentation)]
+        if not polygons:
+            return None
+        mask = run_lengths.unite(polygons, [entry.height, entry.width])
+    else:
+        raise InputError(f"{where} = {segmentation!r}: must be a list of polygons or run lengths")
+    return mask if run_lengths.area(mask) else None
 
 
 def _polygon(points: Any, where: str) -> NDArray[np.float64]:
@@ -199,41 +202,37 @@ def _polygon(points: Any, where: str) -> NDArray[np.float64]:
         raise InputError(
             f"{where}: holds more than numbers; a polygon is x, y, x, y, ..."
         ) from error
-    if values.ndim != 1 or values.size % 2 or values.size < 6 or not np.isfinite(values).all():
+    near = np.all(np.abs(values) <= _FARTHEST_PX)  # False for what is no number, too
+    if values.ndim != 1 or values.size % 2 or values.size < 6 or not near:
         raise InputError(
-            f"{where}: must hold x and y of three points or more, x, y, x, y, ...; mend the polygon"
+            f"{where}: must hold x and y of three points or more, x, y, x, y, ..., none farther "
+            f"than {_FARTHEST_PX:,} px; mend the polygon"
         )
-    return values.reshape(-1, 2)
+    return values
 
 
-def _run_length_mask(encoded: dict[str, Any], entry: _ImageEntry, where: str) -> NDArray[np.bool_]:
-    counts, size = encoded.get("counts"), [entry.height, entry.width]
-    if isinstance(counts, str):
-        raise InputError(
-            f"{where}: compressed run lengths are not read; write polygons, or counts as a list"
-        )
-    if encoded.get("size") != size or not _fill(counts, entry.height * entry.width):
+def _filled(encoded: dict[str, Any], entry: _ImageEntry, where: str) -> RunLengths:
+    """COCO's run lengths without holes and specks."""
+    size = [entry.height, entry.width]
+    counts = encoded.get("counts") if encoded.get("size") == size else None
+    mask = run_lengths.decode_counts(counts, size)
+    if mask is None:
         raise InputError(
             f"{where}: run lengths need the size {size} of {entry.file_name} (height, width) and "
             "counts that add up to its pixels; mend them or write polygons"
         )
-    return decode_mask(encoded)
-
-
-def _fill(counts: Any, pixels: int) -> bool:
-    """Whether counts are run lengths of so many pixels."""
-    numbers = isinstance(counts, list) and all(isinstance(n, int) and n >= 0 for n in counts)
-    return numbers and sum(counts) == pixels
+    return run_lengths.encode(run_lengths.without_holes(mask))
 
 
 def check_masks(images: Sequence[RealImage], path: Path) -> None:
-    """Raise InputError naming the first shaft of a COCO file that has a box but no polygons."""
+    """Raise InputError naming the first shaft of a COCO file that has a box but no mask."""
     for image in images:
         for instrument in image.instruments:
-            if not instrument.polygons:
+            if instrument.mask is None:
                 raise InputError(
                     f"{path}: the shaft of {image.path.name} in the box {instrument.box} "
-                    "(x0, y0, x1, y1) has no `segmentation`, which tests need; add its polygons"
+                    "(x0, y0, x1, y1) has no pixel in `segmentation`, which tests need; add its "
+                    "polygons"
                 )
 
 
@@ -252,56 +251,47 @@ def read_pixels(image: RealImage) -> Image:
 def load_square(image: RealImage, size_px: int) -> RealSample:
     """The central square of a real image, resized, with what remains of its annotations.
 
-    An instrument of whose box less than a fifth lies in the square is dropped.
+    The box of an instrument with a mask is the extent of what remains of the mask, any other box is
+    clipped. An instrument of whose box less than a fifth lies in the square is dropped, and so is
+    one of whose mask nothing does.
     """
     rgb = read_pixels(image)
-    side = min(image.width, image.height)
-    left, top = (image.width - side) // 2, (image.height - side) // 2
-    scale = size_px / side
-    moved = [_moved(i, np.array([left, top]), scale, size_px) for i in image.instruments]
-    kept = [instrument for instrument in moved if instrument is not None]
+    boxes, masks, occluded = [], [], False
+    for instrument in image.instruments:
+        part = _in_square(instrument, image, size_px)
+        if part is not None:
+            boxes.append(part[0])
+            masks.append(part[1])
+            occluded |= instrument.occluded
     return RealSample(
         rgb=centre_square(rgb, size_px),
-        boxes=np.array([i.box for i in kept], dtype=np.float64).reshape(-1, 4),
-        masks=tuple(polygon_mask(i.polygons, size_px) for i in kept),
-        occluded=any(instrument.occluded for instrument in kept),
+        boxes=np.array(boxes, dtype=np.float64).reshape(-1, 4),
+        masks=tuple(masks),
+        occluded=occluded,
     )
 
 
-def _moved(
-    instrument: RealInstrument, origin: NDArray[np.float64], scale: float, size_px: int
-) -> RealInstrument | None:
-    corners = np.array(instrument.box).reshape(2, 2)
-    whole = (corners - origin) * scale
-    box = np.clip(whole, 0, size_px)
+def _in_square(
+    instrument: RealInstrument, image: RealImage, size_px: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
+    """Box (4,) px and mask (S, S) in the resized square; None if the instrument is dropped."""
+    side = min(image.width, image.height)
+    corner = (np.array([image.width, image.height]) - side) // 2
+    whole = np.array(instrument.box).reshape(2, 2) - corner
+    box = np.clip(whole, 0, side)
     if np.prod(box[1] - box[0]) < 0.2 * np.prod(whole[1] - whole[0]):
         return None
-    (x0, y0), (x1, y1) = box.tolist()
-    polygons = tuple((points - origin) * scale for points in instrument.polygons)
-    return replace(instrument, box=(x0, y0, x1, y1), polygons=polygons)
-
-
-def polygon_mask(polygons: tuple[NDArray[np.float64], ...], size_px: int) -> NDArray[np.bool_]:
-    """(size, size) union of polygons whose coordinates count from the image's upper left corner."""
-    mask = np.zeros((_FINER * size_px, _FINER * size_px), dtype=np.uint8)
-    scale = 1 << _SUBPIXEL_BITS
-    for polygon in polygons:  # one by one: filled together, they would cut holes where they overlap
-        points = np.rint((polygon * _FINER - 0.5) * scale).astype(np.int32)
-        cv2.fillPoly(mask, [points], (1,), shift=_SUBPIXEL_BITS)
-    return mask[_FINER // 2 :: _FINER, _FINER // 2 :: _FINER].astype(bool)
-
-
-def mask_polygons(mask: NDArray[np.bool_]) -> list[list[float]]:
-    """COCO polygons through the centres of a mask's border pixels; `polygon_mask` inverts it."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    polygons = [(contour.reshape(-1, 2) + 0.5).ravel().tolist() for contour in contours]
-    return [polygon for polygon in polygons if len(polygon) >= 6]
+    if instrument.mask is None:
+        return box.ravel() * size_px / side, np.zeros((size_px, size_px), dtype=bool)
+    cut = centre_square(run_lengths.decode(instrument.mask), side)
+    mask = centre_square(cut, size_px).astype(bool)
+    return (np.array(mask_box(cut.astype(bool))) * size_px / side, mask) if mask.any() else None
 
 
 def write_coco(
     path: Path, images: Sequence[tuple[str, RealSample]], with_masks: bool, description: str
 ) -> None:
-    """Write samples, given with their file names, as a COCO file; polygons only if asked for."""
+    """Write samples, given with their file names, as a COCO file; masks only if asked for."""
     content: dict[str, Any] = {
         "info": {"description": description},
         "images": [],
@@ -322,7 +312,7 @@ def write_coco(
                     "iscrowd": 0,
                     "bbox": [box[0], box[1], box[2] - box[0], box[3] - box[1]],
                     "area": int(mask.sum()),
-                    "segmentation": mask_polygons(mask) if with_masks else [],
+                    "segmentation": run_lengths.encode(mask) if with_masks else [],
                     "attributes": {"occluded": sample.occluded},
                 }
             )

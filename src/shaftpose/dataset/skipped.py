@@ -1,4 +1,4 @@
-"""Damaged images that a training passes over: named, and counted in the end."""
+"""Record of the damaged images that a training skips."""
 
 import logging
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ log = logging.getLogger(__name__)
 class SkippedImages:
     """A file with one line for each damaged image.
 
-    The processes that load images add to it, those of all ranks and of a training that goes on.
+    The loader processes of all ranks add to it, and so does a resumed training.
     """
 
     path: Path
 
     def add(self, complaint: str) -> None:
-        """Note and report an image, unless that was done before."""
+        """Record and log an image, unless it is already recorded."""
         if complaint not in self.complaints():
             log.warning("skipped a damaged image: %s", complaint)
             with self.path.open("a") as file:
                 file.write(f"{complaint}\n")
 
     def complaints(self) -> set[str]:
-        """What was said of each image."""
+        """The recorded lines."""
         return set(self.path.read_text().splitlines()) if self.path.is_file() else set()

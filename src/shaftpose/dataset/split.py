@@ -1,4 +1,4 @@
-"""Which images train, validate and test."""
+"""Training, validation and test split."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from shaftpose.config import SplitSettings
+from shaftpose.core.split_lists import PARTS
 from shaftpose.errors import InputError
 from shaftpose.files import new_file
-
-PARTS = ("train", "validation", "test")
+from shaftpose.settings.parts import SplitSettings
 
 
 @dataclass(frozen=True)
 class Split:
     """Keys of the images of each part; no key is in two of them.
 
-    left_out: images of the test part's backgrounds beyond its exact number; they are in no part.
+    left_out: surplus images of the test part's backgrounds; they are in no part.
     """
 
     train: list[str]
@@ -57,7 +56,7 @@ def _take_groups(
     count: int,
     rng: np.random.Generator,
 ) -> set[str]:
-    """Keys of whole groups, but not of all, that hold `count` images or the least number above."""
+    """Keys of some whole groups that hold `count` images, or the smallest number above it."""
     members: dict[str, list[str]] = {}
     for key in keys:
         members.setdefault(groups[key], []).append(key)
@@ -83,7 +82,7 @@ def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
         return None
     chosen = []
     for n in reversed(range(len(sizes))):
-        # Without this size if the sum can be reached without it.
+        # Skip this size if the others reach the sum.
         if not reachable[n] >> target & 1:
             chosen.append(n)
             target -= sizes[n]
@@ -91,21 +90,9 @@ def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
 
 
 def write_split(split: Split, folder: Path) -> None:
-    """One CSV file of keys for each part."""
+    """Write one CSV file of keys for each part."""
     for part in PARTS:
         with new_file(folder / f"{part}.csv") as file, file.open("w", newline="") as stream:
             rows = csv.writer(stream, lineterminator="\n")
             rows.writerow(["key"])
             rows.writerows([key] for key in getattr(split, part))
-
-
-def read_keys(folder: Path, part: str) -> list[str]:
-    """The keys of one part. Raises InputError naming the file if it is missing or empty."""
-    path = folder / f"{part}.csv"
-    if not path.is_file():
-        raise InputError(f"{path}: no such list; run the split stage")
-    with path.open(newline="") as stream:
-        keys = [row["key"] for row in csv.DictReader(stream)]
-    if not keys:
-        raise InputError(f"{path}: lists no image; run the split stage")
-    return keys

@@ -1,13 +1,13 @@
 """Mirrored and quarter-turned images with their boxes and poses.
 
-They are exact for a camera with its principal point in the middle of a square image. The light of
-the scope, left and right of the lens, is mirrored and turned as well.
+They are exact if the principal point is in the middle of a square image. The scope's lights, left
+and right of the lens, are mirrored and turned as well.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.instruments import Annotations
+from shaftpose.core.instruments import Annotations
 
 Image = NDArray[np.uint8]
 
@@ -15,7 +15,7 @@ Image = NDArray[np.uint8]
 def random_symmetry(
     rgb: Image, known: Annotations, rng: np.random.Generator
 ) -> tuple[Image, Annotations]:
-    """One of the eight symmetries of a square image (S, S, 3), each as likely as the others."""
+    """Apply one of the eight symmetries of a square image (S, S, 3), chosen uniformly."""
     for symmetry in (mirrored_x, mirrored_y, transposed):
         if rng.random() < 0.5:
             rgb, known = symmetry(rgb, known)
@@ -23,27 +23,30 @@ def random_symmetry(
 
 
 def mirrored_x(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
-    """Left and right exchanged: x becomes -x, yaw 180 deg - yaw."""
+    """Swap left and right: x becomes -x, yaw 180 deg - yaw."""
     side = rgb.shape[1]
     x0, y0, x1, y1 = known.boxes.T
     boxes = np.stack([side - x1, y0, side - x0, y1], axis=1)
-    return rgb[:, ::-1], Annotations(boxes, _changed(known.poses, (-1, 1), 180.0))
+    instances = None if known.instances is None else known.instances[:, ::-1]
+    return rgb[:, ::-1], Annotations(boxes, _changed(known.poses, (-1, 1), 180.0), instances)
 
 
 def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
-    """Top and bottom exchanged: y becomes -y, yaw -yaw."""
+    """Swap top and bottom: y becomes -y, yaw -yaw."""
     side = rgb.shape[0]
     x0, y0, x1, y1 = known.boxes.T
     boxes = np.stack([x0, side - y1, x1, side - y0], axis=1)
-    return rgb[::-1], Annotations(boxes, _changed(known.poses, (1, -1), 0.0))
+    instances = None if known.instances is None else known.instances[::-1]
+    return rgb[::-1], Annotations(boxes, _changed(known.poses, (1, -1), 0.0), instances)
 
 
 def transposed(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
-    """Rows and columns exchanged: x becomes y, y becomes x, yaw 90 deg - yaw."""
+    """Swap rows and columns: x becomes y, y becomes x, yaw 90 deg - yaw."""
     poses = _changed(known.poses, (1, 1), 90.0)
     if poses is not None:
         poses[:, :2] = poses[:, 1::-1]
-    return rgb.transpose(1, 0, 2), Annotations(known.boxes[:, [1, 0, 3, 2]], poses)
+    instances = None if known.instances is None else known.instances.T
+    return rgb.transpose(1, 0, 2), Annotations(known.boxes[:, [1, 0, 3, 2]], poses, instances)
 
 
 def _changed(

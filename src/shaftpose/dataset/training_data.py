@@ -1,8 +1,8 @@
-"""What a network is trained on: rendered and real images as one stream, and its batches."""
+"""Training data: rendered and real images as one stream, and its batches."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,16 +13,16 @@ from lightning.fabric.utilities.data import suggested_max_num_workers
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from shaftpose.batches import Batch, Targets
+from shaftpose.core.batches import Batch, Targets
+from shaftpose.core.instruments import Annotations
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealImage, load_square
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.symmetries import random_symmetry
 from shaftpose.errors import InputError
-from shaftpose.instruments import Annotations
-from shaftpose.shards import ShardedDataset
 
 Transform = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
-LabelledImage = tuple[NDArray[np.uint8], Annotations]  # (H, W, 3) uint8 RGB and what is in it
+LabelledImage = tuple[NDArray[np.uint8], Annotations]  # (H, W, 3) uint8 RGB and its annotations
 
 
 class Images(Dataset[LabelledImage], ABC):
@@ -35,10 +35,11 @@ class Images(Dataset[LabelledImage], ABC):
 
 @dataclass(frozen=True)
 class RenderedImages(Images):
-    """Chosen images of a rendered dataset."""
+    """Selected images of a rendered dataset, optionally with each pixel's instrument number."""
 
     shards: ShardedDataset
     keys: Sequence[str]
+    with_instances: bool = False
 
     def __len__(self) -> int:
         """The number of images."""
@@ -47,12 +48,18 @@ class RenderedImages(Images):
     def __getitem__(self, index: int) -> LabelledImage:
         """Image `index` with boxes and poses."""
         key = self.keys[index]
-        return self.shards.rgb(key), self.shards.annotations(key)
+        rgb, known = self.shards.rgb(key), self.shards.annotations(key)
+        if not self.with_instances:
+            return rgb, known
+        instances = np.zeros(rgb.shape[:2], dtype=np.uint8)
+        for number, mask in enumerate(self.shards.masks(key), 1):
+            instances[mask] = number
+        return rgb, replace(known, instances=instances)
 
 
 @dataclass(frozen=True)
 class RealImages(Images):
-    """Real images: boxes, no poses."""
+    """Real images, with boxes but without poses."""
 
     images: Sequence[RealImage]
     size_px: int
@@ -71,11 +78,11 @@ class RealImages(Images):
 class TrainingStream(Images):
     """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
 
-    Rendered images come in a new random order each time round; a share `real_share` of the items,
-    evenly spread, are real images. With `symmetries` each is mirrored and turned at random. A run
-    that stops at item n can go on from there.
-    A damaged image stops the training, unless `skipped` is there to note it: then the next image in
-    the order takes its place. Raises InputError naming the damaged image, or the last if all are.
+    Rendered images are reshuffled in each pass; a share `real_share` of the items, evenly spread,
+    are real images. With `symmetries`, each image is randomly mirrored and turned. A run that stops
+    at item n can resume there.
+    If `skipped` is given, it records damaged images and the next image replaces each of them.
+    Raises InputError naming the damaged image otherwise, or the last one if all are damaged.
     """
 
     rendered: Images
@@ -89,15 +96,15 @@ class TrainingStream(Images):
 
     @property
     def different_images(self) -> int:
-        """The number of images that there are, repetitions not counted."""
+        """The number of images, not counting repetitions."""
         return len(self.rendered) + (len(self.real) if self.real is not None else 0)
 
     def __len__(self) -> int:
-        """The number of images that the run sees, repetitions counted."""
+        """The number of images in the run, counting repetitions."""
         return self.length
 
     def __getitem__(self, n: int) -> LabelledImage:
-        """Item n, changed by the transforms."""
+        """Item n, after the transforms."""
         real_before = int(n * self.real_share)
         if self.real is not None and int((n + 1) * self.real_share) > real_before:
             rgb, annotations = self._draw(self.real, real_before)
@@ -111,7 +118,7 @@ class TrainingStream(Images):
         return rgb, annotations
 
     def _draw(self, images: Images, number: int) -> LabelledImage:
-        """Draw `number` from shuffled images, or the first draw after it that is not damaged."""
+        """The shuffled image at draw `number`, or the next one that is not damaged."""
         for draw in range(number, number + len(images)):
             try:
                 return images[_shuffled(self.seed, draw, len(images))]
@@ -124,7 +131,7 @@ class TrainingStream(Images):
 
 
 def _shuffled(seed: int, number: int, count: int) -> int:
-    """The index of draw `number` from `count` items that are shuffled anew each time round."""
+    """The index of draw `number` from `count` items that are reshuffled in each pass."""
     return int(_order(seed, number // count, count)[number % count])
 
 
@@ -134,7 +141,7 @@ def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
 
 
 def pad_batch(items: Sequence[LabelledImage]) -> Batch:
-    """Stack images and pad their instruments; at least one place, so that no shape is 0."""
+    """Stack images and pad their instruments, to at least one so that no dimension is 0."""
     places = max(1, *(len(annotations.boxes) for _, annotations in items))
     boxes = np.zeros((len(items), places, 4), dtype=np.float32)
     poses = np.zeros((len(items), places, 5), dtype=np.float32)
@@ -147,17 +154,30 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
             poses[n, :count] = annotations.poses
     has_pose = torch.tensor([annotations.poses is not None for _, annotations in items])
     targets = Targets(
-        torch.from_numpy(boxes), torch.from_numpy(poses), torch.from_numpy(valid), has_pose
+        torch.from_numpy(boxes),
+        torch.from_numpy(poses),
+        torch.from_numpy(valid),
+        has_pose,
+        _stacked_instances(items),
     )
     return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
 
 
+def _stacked_instances(items: Sequence[LabelledImage]) -> torch.Tensor | None:
+    """Instrument maps (B, H, W) uint8, zeros for images without one; None if all lack it."""
+    if all(known.instances is None for _, known in items):
+        return None
+    empty = np.zeros(items[0][0].shape[:2], dtype=np.uint8)
+    found = [empty if known.instances is None else known.instances for _, known in items]
+    return torch.from_numpy(np.stack(found))
+
+
 @dataclass(frozen=True)
 class StepBatches(Sampler[range]):
-    """The items of the stream in the batch of each step, or in a rank's share of it.
+    """The stream items of each step's batch, or of a rank's share of it.
 
-    Iteration begins with step `first`, reading nothing of what is before. The length counts all
-    steps: Lightning adds those that a resumed training has behind it.
+    Iteration begins at step `first` and reads no earlier item. The length counts all steps, because
+    Lightning also counts the finished steps of a resumed training.
     """
 
     steps: int
@@ -171,7 +191,7 @@ class StepBatches(Sampler[range]):
         return self.steps
 
     def __iter__(self) -> Iterator[range]:
-        """The numbers of the items, step by step."""
+        """The item numbers of each step."""
         share = self.batch_size // self.ranks
         for step in range(self.first, self.steps):
             start = step * self.batch_size + self.rank * share
@@ -182,14 +202,14 @@ _MOST_WORKERS = 8  # by default
 
 
 class TrainingData(LightningDataModule):
-    """Feeds a training run: its stream in order, and the validation images.
+    """Data of a training run: its stream in order, and the validation images.
 
-    The trainer says where in the stream to begin and which rank this is: each rank gets its part of
-    every batch, and all validation images. Raises InputError if a batch is larger than the training
-    set or cannot be shared out.
+    The trainer sets the first step and the rank: each rank gets its share of every batch and all
+    validation images. Raises InputError if a batch is larger than the training set or cannot be
+    divided among the ranks.
 
-    loader_workers: processes that read, decode and augment for a rank; None: one where a CPU
-    trains, which has no cores to spare, and up to 8 on cores that are free where a GPU does.
+    loader_workers: processes of a rank that read, decode and augment; None: one for training on a
+    CPU, which has no spare cores, and up to 8 on free cores for training on a GPU.
     """
 
     def __init__(
@@ -209,7 +229,7 @@ class TrainingData(LightningDataModule):
         self._batch_size, self._workers = batch_size, loader_workers
 
     def train_dataloader(self) -> DataLoader[LabelledImage]:
-        """Batches of the stream from the trainer's step on; the stream shuffles by itself."""
+        """Batches of the stream from the trainer's current step; the stream itself shuffles."""
         return self._loader(self._stream, batch_sampler=self._batches())
 
     def _batches(self) -> StepBatches:
@@ -238,7 +258,7 @@ class TrainingData(LightningDataModule):
             num_workers=workers,
             persistent_workers=workers > 0,
             pin_memory=self._feeds_gpu(),
-            # joblib's launcher makes a way of its own the default, in which loaders do not start.
+            # joblib's launcher sets a default start method with which loaders do not start.
             multiprocessing_context="fork" if workers > 0 else None,
         )
 

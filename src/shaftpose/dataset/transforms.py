@@ -1,4 +1,4 @@
-"""Random changes of training images. They leave shapes in place, so boxes and poses stay valid.
+"""Random colour changes and noise for training images; boxes and poses stay valid.
 
 Each transform takes an image (H, W, 3) uint8 RGB and a generator and returns a new image.
 """
@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import Range
+from shaftpose.settings.parts import Range
 
 Image = NDArray[np.uint8]
 
-# NTSC's luma and chroma: the plane in which hue is an angle and saturation a length.
+# NTSC luma and chroma: in the chroma plane, hue is an angle and saturation a length.
 _RGB_TO_YIQ = np.array(
     [[0.299, 0.587, 0.114], [0.5959, -0.2746, -0.3213], [0.2115, -0.5227, 0.3112]]
 )
@@ -34,7 +34,7 @@ class ColourJitter:
     hue_deg: Range
 
     def __call__(self, rgb: Image, rng: np.random.Generator) -> Image:
-        """All four in one affine map of the colours, clipped once."""
+        """Apply all four as one affine map of the colours, clipped once."""
         matrix = colour_matrix(
             brightness=float(rng.uniform(*self.brightness)),
             contrast=float(rng.uniform(*self.contrast)),

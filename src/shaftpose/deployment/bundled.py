@@ -1,4 +1,4 @@
-"""The model that comes with the package."""
+"""The model bundled with the package."""
 
 import hashlib
 from importlib.resources import files
@@ -13,7 +13,7 @@ _REMEDY = "reinstall the package, or name another model"
 
 
 def bundled_model() -> Path:
-    """The file of the bundled model, the same byte for byte as when it was bundled.
+    """The file of the bundled model, after a check of its SHA-256.
 
     Raises InputError naming the file if it is missing or damaged.
     """
@@ -22,7 +22,7 @@ def bundled_model() -> Path:
         if not path.is_file():
             raise InputError(f"{path}: missing; {_REMEDY}")
     if recorded.read_bytes() != checksum(model):
-        raise InputError(f"{model}: damaged, its SHA-256 is not that in {CHECKSUM}; {_REMEDY}")
+        raise InputError(f"{model}: damaged, its SHA-256 differs from {CHECKSUM}; {_REMEDY}")
     return model
 
 

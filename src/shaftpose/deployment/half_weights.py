@@ -1,4 +1,4 @@
-"""An exported model in half the bytes: weights stored in 16 bits, all computation in 32."""
+"""An exported model at half the size: weights stored in 16 bits, all computation in 32."""
 
 import numpy as np
 import onnx
@@ -8,9 +8,9 @@ from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 def with_half_weights(model: ModelProto) -> ModelProto:
     """A copy of an exported model that stores the weights of its convolutions as float16.
 
-    A Cast turns each back to float32. onnxruntime applies it once, when it loads the file, so that
-    the copy is as fast as the model. Biases and all of decoding stay float32. The exporter's notes
-    on each node, which name files of the machine that exported, are left out.
+    A Cast converts each back to float32. onnxruntime applies it once, when it loads the file, so
+    the copy is as fast as the model. Biases and decoding stay float32. The exporter's metadata of
+    nodes is removed, because it names files of the exporting machine.
     """
     copy = ModelProto()
     copy.CopyFrom(model)
@@ -27,7 +27,7 @@ def with_half_weights(model: ModelProto) -> ModelProto:
 
 
 def _halve(stored: TensorProto) -> NodeProto:
-    """Store a float32 tensor as float16 under another name. Returns the Cast to the name it had."""
+    """Store a float32 tensor as float16 under another name. Returns the Cast to its old name."""
     name = stored.name
     half = numpy_helper.to_array(stored).astype(np.float16)
     stored.CopyFrom(numpy_helper.from_array(half, f"{name}.half"))

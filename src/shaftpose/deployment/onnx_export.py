@@ -1,4 +1,4 @@
-"""A detector as one ONNX file, with decoding and non-maximum suppression inside."""
+"""Export of a detector to one ONNX file, including decoding and non-maximum suppression."""
 
 import logging
 import warnings
@@ -14,9 +14,10 @@ from torch import nn
 
 from shaftpose.deployment.predictor import CONFIDENCE, SHAFT_DIAMETER_MM, VIEW_DEG
 from shaftpose.files import new_file
+from shaftpose.network import nms  # registers its operator
 
 OPSET = 20
-# Its type hints refuse the Python numbers and lists that it accepts.
+# `opset20` accepts Python numbers and lists, but its type hints refuse them.
 op: Any = opset20
 
 
@@ -24,7 +25,7 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
     """Write a detector to one file with input `image` and outputs `boxes`, `scores`, `poses`.
 
     detector: (N, side, side, 3) uint8 RGB -> three tensors whose first dimension is N, which stays
-    free. It is exported in evaluation mode, on the CPU.
+    dynamic. It is exported in evaluation mode, on the CPU.
     """
     exported = detector.cpu().eval()
     # Two images: an example of one would fix the batch dimension to one.
@@ -38,7 +39,7 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
             input_names=["image"],
             output_names=["boxes", "scores", "poses"],
             dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
-            custom_translation_table={torch.ops.shaftpose.nms_mask.default: _onnx_nms_mask},
+            custom_translation_table={nms.OPERATOR: _onnx_nms_mask},
             verbose=False,
         )
     assert program is not None
@@ -49,8 +50,8 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
 def store_metadata(
     path: Path, confidence: float, view_deg: float, shaft_diameter_mm: float | None
 ) -> None:
-    """Note in an exported file from which score on its detections count, and the camera and the
-    shaft that it was trained for, without which its millimetres mean nothing."""
+    """Store the confidence threshold in an exported file, and the camera and the shaft that it was
+    trained for, without which its millimetres are meaningless."""
     known = {CONFIDENCE: confidence, VIEW_DEG: view_deg, SHAFT_DIAMETER_MM: shaft_diameter_mm}
     model = onnx.load(str(path))
     stated = {key: repr(value) for key, value in known.items() if value is not None}
@@ -62,7 +63,7 @@ def store_metadata(
 def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:
     """`nms_mask` by ONNX's NonMaxSuppression: boxes (B, K, 4), scores (B, K) -> (B, K).
 
-    Its `y, x` order of corners and ours differ, which does not change an overlap.
+    ONNX orders corners as `y, x`, which does not change the IoU.
     """
     limit = op.Shape(scores, start=1, end=2)
     threshold = op.Constant(value_floats=[iou_threshold])
@@ -75,7 +76,7 @@ def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter's warnings about its own internals from the user."""
+    """Hide the exporter's warnings about its own internals."""
     previous = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

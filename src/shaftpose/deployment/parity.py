@@ -1,4 +1,4 @@
-"""Does the exported file do what the PyTorch detector does?"""
+"""Comparison of an exported file with the PyTorch detector."""
 
 import math
 from collections import Counter
@@ -10,25 +10,25 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from shaftpose.core.geometry import box_iou
+from shaftpose.core.instruments import Detections
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.geometry import box_iou
-from shaftpose.instruments import Detections
 
-# Far below what matters, far above what float32 rounding does.
+# Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
 TIE = 1e-4
-# Of poses that are classes, the share that may be another class in the file: rounding chooses among
-# equal logits. Of a network that was never trained it was 0.2 %.
+# Share of detections whose pose classes may differ in the file: rounding decides between equal
+# logits. An untrained network had 0.2 %.
 JUMPS = 0.01
 
 
 @dataclass(frozen=True)
 class Parity:
-    """Counts of detections, and the largest differences of those that both sides have; mm and deg.
+    """Counts of detections, and the largest differences of those on both sides; mm and deg.
 
-    detections: those of PyTorch; missing: those that the file lacks; extra: those that the file
-    alone has; tied: those that one side alone has because rounding chose among equal scores;
-    jumped: those whose poses differ by more than the tolerance, `jumps_allowed` of which may be.
+    detections: those of PyTorch; missing: those that the file lacks; extra: those only in the file;
+    tied: those on one side only because rounding decided between equal scores; jumped: those whose
+    poses differ by more than the tolerance, of which `jumps_allowed` are accepted.
     """
 
     images: int
@@ -57,9 +57,9 @@ def check_parity(
     continuous: bool = True,
 ) -> Parity:
     """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB; all,
-    if a network that is hardly trained has none of that score.
+    if a barely trained network has none of that score.
 
-    continuous: whether the poses are numbers and not classes.
+    continuous: whether the poses are numbers instead of classes.
     """
     with torch.inference_mode():
         outputs = detector.eval()(torch.from_numpy(images))
@@ -84,7 +84,7 @@ def check_parity(
         tied=singles["tied"],
         missing=singles["missing"],
         extra=singles["extra"],
-        # Not `>`, which a pose that is no number would pass.
+        # Not `>`, which a NaN pose would pass.
         jumped=sum(not apart <= POSE_TOLERANCE for _, _, apart in differences),
         jumps_allowed=0 if continuous else math.ceil(JUMPS * detections),
         score=score,
@@ -109,7 +109,7 @@ def _pairs(known: Detections, found: Detections) -> dict[int, int]:
 def _differences(
     known: Detections, row: int, found: Detections, twin: int
 ) -> tuple[float, float, float]:
-    """Of score, box and pose."""
+    """The differences of score, box and pose."""
     pose = np.abs(known.poses[row] - found.poses[twin])
     pose[4] = min(pose[4], 360 - pose[4])  # yaw 359.9 and 0.1 are neighbours
     return (
@@ -121,9 +121,9 @@ def _differences(
 
 @dataclass(frozen=True, eq=False)
 class _Single:
-    """A detection that one side alone has.
+    """A detection that only one side has.
 
-    crowded_out: both lists are full, and all that the other one holds scores as well or better.
+    crowded_out: both lists are full, and the other holds only equal or higher scores.
     """
 
     box: NDArray[np.float64]
@@ -135,7 +135,7 @@ class _Single:
 def _singles(
     known: Detections, found: Detections, pairs: Mapping[int, int], most: int
 ) -> list[_Single]:
-    """The detections without a pair; each side lists `most` at most."""
+    """The detections without a pair; each side lists at most `most`."""
     full = len(known.boxes) == len(found.boxes) == most
     singles = []
     for own, other, paired, in_file in (
@@ -149,10 +149,10 @@ def _singles(
 
 
 def _verdicts(singles: Sequence[_Single], least_score: float) -> Counter[str]:
-    """How many of at least `least_score` are "tied", "missing" and "extra".
+    """The numbers of "tied", "missing" and "extra" ones among those of at least `least_score`.
 
-    Rounding may keep another of two overlapping boxes of equal score. Then what the one suppressed
-    and the other does not follows. A network that is hardly trained ties often.
+    Of two overlapping boxes of equal score, rounding decides which is kept. Boxes that only one of
+    the two suppresses are tied too. A barely trained network ties often.
     """
     tied: list[_Single] = []
     for single in sorted(singles, key=lambda single: -single.score):

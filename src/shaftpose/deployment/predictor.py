@@ -8,21 +8,21 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from shaftpose.core.instruments import Detections
 from shaftpose.errors import InputError
-from shaftpose.instruments import Detections
 
 # Keys of the model file's metadata.
 CONFIDENCE = "confidence"
 VIEW_DEG = "view_deg"
 SHAFT_DIAMETER_MM = "shaft_diameter_mm"
-# Of models whose files do not say: the paper's camera.
+# For models whose files state no camera: that of the paper.
 _VIEW_DEG_UNSTATED = 95.0
 
 
 class Predictor:
     """An ONNX file written by the export stage, run by onnxruntime.
 
-    Raises InputError naming the file if it is missing or no such model.
+    Raises InputError naming the file if it is missing or is not such a model.
     """
 
     def __init__(self, path: Path, providers: Sequence[str] = ("CPUExecutionProvider",)) -> None:
@@ -45,23 +45,25 @@ class Predictor:
 
     @property
     def confidence(self) -> float:
-        """The score from which on the model's detections count, chosen on validation images.
+        """The model's confidence threshold, chosen on validation images.
 
-        Raises InputError naming the file if it does not say.
+        Raises InputError naming the file if it states none.
         """
         if CONFIDENCE not in self._stated:
-            raise InputError(f"{self._path}: holds no confidence; export it again or state one")
+            raise InputError(
+                f"{self._path}: holds no confidence threshold; export it again or set one"
+            )
         return float(self._stated[CONFIDENCE])
 
     @property
     def view_deg(self) -> float:
-        """The angle across the images that the model was trained for."""
+        """The field of view, in deg, that the model was trained for."""
         return float(self._stated.get(VIEW_DEG, _VIEW_DEG_UNSTATED))
 
     @property
     def shaft_diameter_mm(self) -> float | None:
-        """The diameter of the shafts that the model was trained for; None if the file does not say,
-        as for an instrument from a CAD file."""
+        """The shaft diameter that the model was trained for; None if the file states none, as for
+        an instrument from a CAD file."""
         stated = self._stated.get(SHAFT_DIAMETER_MM)
         return None if stated is None else float(stated)
 
@@ -74,7 +76,7 @@ class Predictor:
         ]
 
     def frames_per_second(self, image: NDArray[np.uint8], repetitions: int = 30) -> float:
-        """Images per second at batch 1, from the median of `repetitions` calls after 3 to warm up.
+        """Images per second at batch size 1: median of `repetitions` calls after 3 warm-up calls.
 
         image: (299, 299, 3) uint8 RGB.
         """

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
-from shaftpose.instruments import Annotations, Detections
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,12 @@ class PrecisionRecall:
 def precision_recall(
     detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float = 0.5
 ) -> PrecisionRecall:
-    """The curve over a whole set of images.
+    """The precision-recall curve over a set of images.
 
-    Going down the scores of all images, a detection is right if the instrument that it overlaps
-    most reaches `iou_threshold` and was not found before. A second detection of an instrument is
-    an error; it does not pass on to the next best instrument (as in VOC's development kit).
-    Recall is 0 where the set has no instrument.
+    By descending score, a detection is a true positive if its IoU with the instrument that it
+    overlaps most reaches `iou_threshold` and that instrument was not detected before. A second
+    detection of an instrument is a false positive, never matched to the next best one (as in VOC's
+    development kit). Recall is 0 if the set has no instrument.
     """
     scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
     order = np.argsort(-scores, kind="stable")
@@ -51,7 +51,7 @@ def average_precision(curve: PrecisionRecall) -> float:
 def _hit_instruments(
     detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float
 ) -> Indices:
-    """(K,) the instrument that each detection of the set hits, numbered through all images."""
+    """(K,) the instrument that each detection hits, numbered across all images; -1 for none."""
     hits, offset = [np.empty(0, dtype=np.intp)], 0
     for found, known in zip(detections, annotations, strict=True):
         best = best_instruments(found.boxes, known.boxes, iou_threshold)

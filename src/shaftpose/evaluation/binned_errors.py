@@ -1,4 +1,4 @@
-"""Where pose errors are large: by depth, pitch, yaw and how much of a shaft is visible."""
+"""Pose errors binned by depth, pitch, yaw and visible fraction."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -6,14 +6,13 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import PoseRanges
+from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.evaluation.boxes import Array
 from shaftpose.evaluation.pose_errors import PoseErrors
-from shaftpose.instruments import POSE_DIMENSIONS
+from shaftpose.settings.parts import PoseRanges
 
-# Into how many bins of one width the range of a quantity is divided, or the edges of its bins. Yaw
-# is counted from the seam, the lower end of its range (358 deg meets 0), where an angle that is
-# learned as a number jumps.
+# Number of equal bins in the range of a quantity, or bin edges. Yaw is measured from the seam, the
+# lower end of its range (358 deg meets 0), where a regressed angle jumps.
 BINS: Mapping[str, int | Sequence[float]] = {
     "z_mm": 6,
     "pitch_deg": 5,
@@ -25,8 +24,8 @@ ERRORS = ("tip_mm", "axis_deg")
 
 @dataclass(frozen=True)
 class ErrorBin:
-    """The instruments that were found between two values of a quantity, and the medians of their
-    absolute errors; None where there is no instrument."""
+    """Number and median absolute errors of the detected instruments in one bin; None if the bin is
+    empty."""
 
     low: float
     high: float
@@ -38,10 +37,10 @@ class ErrorBin:
 def binned_errors(
     errors: PoseErrors, visible_fractions: Array, ranges: PoseRanges
 ) -> dict[str, list[ErrorBin]]:
-    """The bins of each quantity of `BINS`; the outer ones take what lies beyond.
+    """The bins of each quantity of `BINS`; the outer bins include values beyond their edges.
 
-    visible_fractions: of each instrument of the set (G,), numbered as `errors.instruments` is.
-    ranges: that poses are drawn from.
+    visible_fractions: (G,) of all instruments of the set, indexed by `errors.instruments`. ranges:
+    from which poses are drawn.
     """
     true = dict(zip(POSE_DIMENSIONS, errors.true_poses.T, strict=True))
     values = {
@@ -54,14 +53,14 @@ def binned_errors(
 
 
 def as_plain(bins: Mapping[str, Sequence[ErrorBin]]) -> dict[str, list[dict[str, float | None]]]:
-    """Plain values by quantity, ready for JSON; `from_plain` is the way back."""
+    """Plain values by quantity, ready for JSON; the inverse of `from_plain`."""
     return {quantity: [asdict(one) for one in row] for quantity, row in bins.items()}
 
 
 def from_plain(
     content: Mapping[str, Sequence[Mapping[str, float | None]]],
 ) -> dict[str, list[ErrorBin]]:
-    """What `as_plain` was made of."""
+    """The inverse of `as_plain`."""
     return {q: [ErrorBin(**one) for one in row] for q, row in content.items()}  # type: ignore[arg-type]
 
 

@@ -1,17 +1,17 @@
-"""Which instrument a detected box hits."""
+"""Matching of detected boxes to instruments."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.geometry import box_iou
+from shaftpose.core.geometry import box_iou
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 def best_instruments(boxes: Array, instruments: Array, iou_threshold: float) -> Indices:
-    """(K,) for each box (K, 4) the index of the instrument (G, 4) that it overlaps most; -1 where
-    that overlap is below `iou_threshold`."""
+    """(K,) index of the instrument (G, 4) that each box (K, 4) overlaps most; -1 where the IoU is
+    below `iou_threshold`."""
     if not len(instruments):
         return np.full(len(boxes), -1, dtype=np.intp)
     overlap = box_iou(boxes, instruments)
@@ -19,6 +19,6 @@ def best_instruments(boxes: Array, instruments: Array, iou_threshold: float) -> 
 
 
 def first_hits(instruments: Indices) -> Indices:
-    """Positions at which each instrument of (K,) occurs first, by instrument; -1 is no hit."""
+    """Position of the first hit of each instrument in (K,), by instrument; -1 is no hit."""
     found, positions = np.unique(instruments, return_index=True)
     return positions[found >= 0]

@@ -1,7 +1,7 @@
-"""Pose errors of several trainings on the same instruments: those that all of them found.
+"""Pose errors of several trainings on the instruments that all of them detected.
 
-A mean error is of the instruments that a network found. One that finds few of them, the easy ones,
-looks the more precise for it; on the instruments that all found, none has that advantage.
+Mean errors cover only detected instruments. A network that detects few, easy instruments therefore
+looks more precise; on the common instruments no network has that advantage.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,14 +11,14 @@ import numpy as np
 
 from shaftpose.evaluation.pose_errors import PoseErrors
 
-DECIMALS = 3  # of mm and deg that are kept: far below what a network or a robot resolves
+DECIMALS = 3  # of mm and deg: far finer than a network or a robot resolves
 
 
 @dataclass(frozen=True)
 class FoundInstruments:
-    """Which of the `total` instruments of a test set a training found, and their errors.
+    """The instruments that a training detected among the `total` of a test set, and their errors.
 
-    Lists of one length: `instruments` are numbers, counted through the set; `errors` are those of
+    Lists of equal length. `instruments`: numbers across the set; `errors`: see
     `PoseErrors.by_name`.
     """
 
@@ -28,7 +28,7 @@ class FoundInstruments:
 
 
 def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
-    """What is kept of pose errors on a test set of `total` instruments, as plain numbers."""
+    """Rounded pose errors on a test set of `total` instruments, as plain numbers."""
     return FoundInstruments(
         total,
         errors.instruments.tolist(),
@@ -37,12 +37,12 @@ def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
 
 
 def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:
-    """The instruments that every one of these trainings found, on one test set."""
+    """The instruments of one test set that all trainings detected."""
     return set.intersection(*(set(found.instruments) for found in trainings))
 
 
 def means_on(found: FoundInstruments, instruments: set[int]) -> dict[str, float | None]:
-    """Mean errors of one training on these of its instruments; None if there are none."""
+    """Mean errors of one training on the given instruments; None if it detected none."""
     chosen = [n for n, instrument in enumerate(found.instruments) if instrument in instruments]
     return {
         name: float(np.mean([values[n] for n in chosen])) if chosen else None

@@ -1,9 +1,9 @@
-"""The share of instruments that were found (paper, IV-A)."""
+"""The share of instruments that were detected (paper, IV-A)."""
 
 from collections.abc import Sequence
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.boxes import best_instruments, first_hits
-from shaftpose.instruments import Annotations, Detections
 
 
 def detected_rate(
@@ -12,11 +12,11 @@ def detected_rate(
     confidence: float = 0.5,
     iou_threshold: float = 0.5,
 ) -> float | None:
-    """Share of instruments with a detection of at least this score and overlap.
+    """Share of instruments with a detection of at least this score and IoU.
 
-    A detection finds the instrument that it overlaps most and no other, as in the pose errors: of
-    two shafts that cross, one box finds one. An instrument that is found twice counts as found, not
-    as an error. None if the images hold no instrument at all.
+    A detection matches only the instrument that it overlaps most, as for pose errors: one box
+    cannot detect two crossing shafts. A second detection of an instrument is not an error. None if
+    the images show no instrument.
     """
     instruments = sum(len(known.boxes) for known in annotations)
     if not instruments:

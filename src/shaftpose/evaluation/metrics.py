@@ -1,23 +1,23 @@
-"""All metrics of one test set under the project's names, and the constant predictor's."""
+"""All metrics of a test set, and those of the constant predictor."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.errors import InputError
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
 from shaftpose.evaluation.boxes import Array
 from shaftpose.evaluation.detected_rate import detected_rate
 from shaftpose.evaluation.pose_errors import YAW, PoseErrors, errors_between, pose_errors
-from shaftpose.instruments import Annotations, Detections
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """What is measured on a test set; None is "not measured" or "undefined" (JSON null).
+    """Metrics of a test set; None is "not measured" or "undefined" (JSON null).
 
-    `x_mm` to `tip_mm` are means over the matched instruments. `detections` counts those of at
+    `x_mm` to `tip_mm` are mean errors of the matched instruments. `detections` counts scores of at
     least `confidence`. `fps` is measured elsewhere and may be added.
     """
 
@@ -49,19 +49,19 @@ def evaluate(
 ) -> Metrics:
     """Metrics of `detections[i]` against `annotations[i]`.
 
-    The mAP uses all detections; the detected rate and pose errors those of at least `confidence`.
+    The mAP uses all detections; detected rate and pose errors use scores of at least `confidence`.
     """
     errors = pose_errors(detections, annotations, confidence, iou_threshold)
     return _metrics(detections, annotations, errors, confidence, iou_threshold)
 
 
 def constant_predictor(train: Sequence[Annotations], test: Sequence[Annotations]) -> Metrics:
-    """Metrics of answering every image with the training set's mean box and mean pose.
+    """Metrics of a predictor that returns the training set's mean box and mean pose.
 
     A network that does not beat these numbers has learned nothing. The mean yaw is the direction
     of the mean unit vector: 350 and 10 deg give 0, not 180. mAP and detected rate come from the
-    box, but pose errors are taken over all test instruments of known pose: the few whose box
-    happens to match lie near the mean and would flatter the constant.
+    box, but pose errors cover all test instruments of known pose: the few whose box happens to
+    match lie near the mean and would make the predictor look better.
     """
     box, pose = _mean_box(train), _mean_pose(train)
     guess = Detections(box[None], np.ones(1), pose[None])

@@ -1,4 +1,4 @@
-"""From which score on a detection counts."""
+"""Choice of the confidence threshold."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from shaftpose.evaluation.average_precision import PrecisionRecall
 
 
 def best_confidence(curve: PrecisionRecall) -> float:
-    """The score with the best F1, the harmonic mean of precision and recall; 0.5 if no detection
-    is right.
+    """The confidence threshold with the best F1, the harmonic mean of precision and recall; 0.5 if
+    no detection is a true positive.
 
-    Scores are no probabilities: training with three hard negatives for each positive keeps those
-    of a short training low. The curve must be that of validation images, not of test images.
+    Scores are not probabilities: with three hard negatives for each positive, they stay low after a
+    short training. The curve must come from validation images, not from test images.
     """
     total = curve.precision + curve.recall
     if not np.any(total > 0):

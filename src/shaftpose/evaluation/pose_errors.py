@@ -1,13 +1,13 @@
-"""Pose errors of the instruments that were found."""
+"""Pose errors of the detected instruments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shaftpose.core.geometry import axis_direction
+from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
 from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
-from shaftpose.geometry import axis_direction
-from shaftpose.instruments import POSE_DIMENSIONS, Annotations, Detections
 
 YAW = POSE_DIMENSIONS.index("yaw_deg")
 
@@ -16,9 +16,9 @@ YAW = POSE_DIMENSIONS.index("yaw_deg")
 class PoseErrors:
     """Errors of M instruments.
 
-    differences: (M, 5) predicted minus true in mm and deg, yaw the short way round;
+    differences: (M, 5) predicted minus true in mm and deg, yaw wrapped to [-180, 180);
     axis_deg: (M,) angle between the shafts' axes; tip_mm: (M,) distance between the tips;
-    true_poses: (M, 5); instruments: (M,) which ones they are, numbered through all images.
+    true_poses: (M, 5); instruments: (M,) their numbers across all images.
     """
 
     differences: Array
@@ -49,11 +49,11 @@ def pose_errors(
     confidence: float = 0.5,
     iou_threshold: float = 0.5,
 ) -> PoseErrors:
-    """Errors of every instrument that a detection of at least `confidence` hits.
+    """Errors of every instrument that a detection with a score of at least `confidence` hits.
 
-    A detection belongs to the instrument of its image that it overlaps most, if by at least
-    `iou_threshold`; of several detections of one instrument the best score speaks. Images whose
-    poses are unknown are passed over.
+    A detection is matched to the instrument that it overlaps most, if their IoU is at least
+    `iou_threshold`. Of several detections of an instrument, the best score counts. Images without
+    known poses are skipped.
     """
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
     instruments, offset = [np.empty(0, dtype=np.intp)], 0
@@ -86,6 +86,6 @@ def errors_between(predicted: Array, true: Array) -> PoseErrors:
 
 
 def _angles_deg(a: Array, b: Array) -> Array:
-    """Angles (M,) between unit vectors (M, 3); unlike arccos, exact for small angles, too."""
+    """Angles (M,) between unit vectors (M, 3); unlike arccos, also exact for small angles."""
     sine = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(sine, np.sum(a * b, axis=-1)))

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.detected_rate import detected_rate
-from shaftpose.instruments import Annotations, Detections
 
 Mask = NDArray[np.bool_]
 
@@ -30,7 +30,7 @@ class SilhouetteScore:
 def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) -> float | None:
     """IoU of two unions of masks (H, W) of one image.
 
-    0 if nothing was detected; None if nothing was there to detect either.
+    0 if nothing was detected; None if there was also nothing to detect.
     """
     masks = [*true_masks, *predicted_masks]
     if not np.any(masks):
@@ -51,7 +51,7 @@ def silhouette_score(
 ) -> SilhouetteScore:
     """Detected rate and mean IoU of a set of images.
 
-    `predicted_masks[i]` are the silhouettes of the detections in image i of at least `confidence`.
+    `predicted_masks[i]`: silhouettes of the detections in image i that reach `confidence`.
     """
     pairs = zip(true_masks, predicted_masks, strict=True)
     overlaps = [silhouette_iou(true, predicted) for true, predicted in pairs]

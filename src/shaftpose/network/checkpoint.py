@@ -1,4 +1,4 @@
-"""Reading checkpoints: of a finished training its weights, of an unfinished one all of it."""
+"""Reading checkpoints of finished and unfinished trainings."""
 
 import pickle
 from collections.abc import Set
@@ -9,22 +9,23 @@ import torch
 from torch import Tensor
 
 from shaftpose.errors import InputError
-from shaftpose.network.shaft_network import ShaftNetwork
+from shaftpose.network.pose_network import PoseNetwork
+
+# A checkpoint and the network that loads it must agree in these: variant, width, depth.
+Identity = dict[str, str | float]
 
 WEIGHT_PREFIX = "network."  # the network's name in `ShaftModule`
-_OF_POSES = ("head.pose", "pose_coder.")  # what a detector has not learned
+_OF_POSES = ("head.pose", "pose_coder.")  # prefixes of the weights that a detector does not learn
 _ANOTHER_START = (
-    "train a detector of this size by `variant=detector` with the same settings, or append "
+    "train a detector of this size with `variant=detector` and the same settings, or append "
     "`variant.start=null` to start from random weights"
 )
 
 _AGAIN = "delete it and train the network again"
 
 
-def load_network_weights(
-    path: Path, network: ShaftNetwork, identity: dict[str, str | float]
-) -> None:
-    """Fill `network` with the weights of a training checkpoint written with this `identity`.
+def load_network_weights(path: Path, network: PoseNetwork, identity: Identity) -> None:
+    """Load the weights of a training checkpoint with this `identity` into `network`.
 
     Raises InputError if the file does not hold them.
     """
@@ -33,12 +34,12 @@ def load_network_weights(
         network.load_state_dict(_network_weights(checkpoint))
     except RuntimeError as error:
         raise InputError(
-            f"{path}: its weights do not fit this version of {identity}; {_AGAIN}"
+            f"{path}: its weights do not fit this version's network {identity}; {_AGAIN}"
         ) from error
 
 
-def start_from_detector(path: Path, network: ShaftNetwork, identity: dict[str, float]) -> None:
-    """Fill all of `network` but its poses with the weights of a trained detector.
+def start_from_detector(path: Path, network: PoseNetwork, identity: dict[str, float]) -> None:
+    """Load the weights of a trained detector into `network`, except those of poses.
 
     identity: width and depth, in which both must agree. Raises InputError if the file does not hold
     these weights.
@@ -58,32 +59,30 @@ def start_from_detector(path: Path, network: ShaftNetwork, identity: dict[str, f
     network.load_state_dict(weights, strict=False)
 
 
-def identity_of(path: Path) -> dict[str, str | float]:
+def identity_of(path: Path) -> Identity:
     """The identity of the network whose weights a checkpoint holds.
 
-    Raises InputError if the file is no checkpoint.
+    Raises InputError if the file is not a checkpoint.
     """
     return dict(_read_checkpoint(path, {"state_dict"})["identity"])
 
 
-def resumed_step(path: Path, identity: dict[str, str | float]) -> int:
-    """The step at which the training in a checkpoint goes on.
+def resumed_step(path: Path, identity: Identity) -> int:
+    """The step at which a training resumes from a checkpoint.
 
-    Raises InputError if the file holds no unfinished training of the network of this `identity`.
+    Raises InputError if the file holds no unfinished training of a network of this `identity`.
     """
     parts = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "global_step"}
     return int(_read_checkpoint_of(path, identity, parts)["global_step"])
 
 
-def _read_checkpoint_of(
-    path: Path, identity: dict[str, str | float], parts: Set[str]
-) -> dict[str, Any]:
-    """A checkpoint of the network of this identity that has these parts."""
+def _read_checkpoint_of(path: Path, identity: Identity, parts: Set[str]) -> dict[str, Any]:
+    """Read a checkpoint of this identity that has these parts."""
     checkpoint = _read_checkpoint(path, parts)
     if "depth" not in checkpoint["identity"]:
         raise InputError(
-            f"{path}: names no depth: it is of an earlier version, whose default boxes lay "
-            f"elsewhere; {_AGAIN}"
+            f"{path}: names no depth: an earlier version with other default boxes wrote it; "
+            f"{_AGAIN}"
         )
     if checkpoint["identity"] != identity:
         raise InputError(
@@ -94,7 +93,7 @@ def _read_checkpoint_of(
 
 
 def _read_checkpoint(path: Path, parts: Set[str]) -> dict[str, Any]:
-    """A checkpoint, read without running code from it, that has these parts."""
+    """Read a checkpoint that has these parts, without running code from it."""
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint; train the network first")
     try:

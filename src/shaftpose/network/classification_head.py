@@ -4,9 +4,9 @@ from shaftpose.network.heads import ArchitectureC
 
 
 class ArchitectureB(ArchitectureC):
-    """SSD-6D's head (paper, Fig. (b)): class, box and one-hot pose side by side from each map.
+    """SSD-6D's head (paper, Fig. (b)): class, box and one-hot pose in parallel on each map.
 
-    The paper made Architecture C from it by putting numbers in the place of classes. Their
-    convolutions are the same but for the `pose_values`: five for C, for B one for each bin of its
-    variant's `BinCoder`.
+    The paper derives Architecture C from it by replacing the pose classes with numbers. The
+    convolutions differ only in `pose_values`: five for C, one per bin of the variant's `BinCoder`
+    for B.
     """

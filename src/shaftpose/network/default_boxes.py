@@ -1,4 +1,4 @@
-"""SSD300's default boxes (Liu et al., 2016) on the six maps, and what is done with boxes.
+"""SSD300's default boxes (Liu et al., 2016) on the six maps, and box operations.
 
 Boxes are in units of the image's side, as `cx, cy, w, h` or as `x0, y0, x1, y1`.
 """
@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-# Of an image side of 300: each map's own scale, and the next one, with which it makes the
-# geometric mean for its second square box.
+# For an image side of 300. A map's square boxes have its own scale, and the geometric mean of its
+# own and the next one.
 SCALES = (30, 60, 111, 162, 213, 264, 315)
 ASPECT_RATIOS = ((2,), (2, 3), (2, 3), (2, 3), (2,), (2,))
 BOXES_PER_CELL = tuple(2 + 2 * len(ratios) for ratios in ASPECT_RATIOS)
@@ -18,23 +18,23 @@ BOXES_PER_CELL = tuple(2 + 2 * len(ratios) for ratios in ASPECT_RATIOS)
 def default_boxes(centres: Sequence[Sequence[float]]) -> Tensor:
     """(7322, 4) `cx, cy, w, h`, ordered by map, row, column and box in the cell.
 
-    centres: of the cells of each map, along either axis, in units of the image's side. Boxes may
-    reach beyond the image; see `clipped`.
+    centres: cell centres of each map along either axis, in units of the image's side. Boxes may
+    extend beyond the image; see `clipped`.
     """
     return torch.cat([_map_boxes(torch.tensor(c), _cell_shapes(i)) for i, c in enumerate(centres)])
 
 
 def clipped(boxes: Tensor) -> Tensor:
-    """(A, 4) `cx, cy, w, h` without what lies beyond the image.
+    """Boxes (A, 4) `cx, cy, w, h`, clipped to the image.
 
-    Boxes of shafts end at the image's border. Clipped default boxes overlap them more, and twice as
+    Boxes of shafts end at the image's border. Clipped default boxes overlap them more, so twice as
     many match.
     """
     return to_centre(to_corners(boxes).clamp(0.0, 1.0))
 
 
 def _cell_shapes(map_index: int) -> Tensor:
-    """(N, 2) `w, h` of a cell's boxes: two squares, then each ratio lying and standing."""
+    """(N, 2) `w, h` of a cell's boxes: two squares, then each ratio in landscape and portrait."""
     scale, next_scale = SCALES[map_index] / 300, SCALES[map_index + 1] / 300
     between = (scale * next_scale) ** 0.5
     shapes = [(scale, scale), (between, between)]

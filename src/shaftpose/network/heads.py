@@ -11,8 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from shaftpose.core.scaling import scale_channels
 from shaftpose.network.layers import ConvBNReLU
-from shaftpose.network.scaling import scale_channels
 
 CLASSES = 2  # background, instrument
 BOX_OFFSETS = 4
@@ -31,9 +31,9 @@ class HeadOutputs(NamedTuple):
 
 
 class ArchitectureC(nn.Module):
-    """The paper's naive regression: class, box and pose side by side from each map.
+    """The paper's naive regression: class, box and pose in parallel on each map.
 
-    One 3 x 3 convolution for each, as in SSD; so `width` does not change it.
+    Each has one 3 x 3 convolution, as in SSD, so `width` has no effect.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class ArchitectureC(nn.Module):
 
 
 class ArchitectureD(nn.Module):
-    """The paper's proposal: what is predicted for class and box feeds the pose path."""
+    """The paper's proposal: the class and box predictions feed the pose path."""
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ def prediction_convs(
 
 
 def apply_each(modules: Iterable[nn.Module], *inputs: Sequence[Tensor]) -> list[Tensor]:
-    """The i-th module on the i-th tensor of every input."""
+    """Apply the i-th module to the i-th tensor of every input."""
     return [module(*args) for module, *args in zip(modules, *inputs, strict=True)]
 
 

@@ -1,8 +1,8 @@
 """Inception-v4 (Szegedy et al., 2016), extended to the six feature maps of an SSD detector.
 
-At width and depth 1.0 every convolution up to the third map is that of the published layer table.
-Two things follow the paper on shaft poses instead of the classifier: Reduction-B is padded, so that
-its map is 9 x 9 and not 8 x 8, and three more stages lead down to 2 x 2.
+At width and depth 1.0 all convolutions up to the third map match the published layer table. Two
+changes follow the paper on shaft poses: Reduction-B is padded, so that its map is 9 x 9 instead of
+8 x 8, and three more stages lead down to 2 x 2.
 """
 
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from shaftpose.core.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
 from shaftpose.network.layers import ConvBNReLU, Size
+from shaftpose.network.pose_network import IMAGE_SIDE_PX
 from shaftpose.network.sampling import Grid, through
-from shaftpose.network.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
 
-IMAGE_SIDE_PX = 299
 MAP_SIZES = (35, 17, 9, 5, 3, 2)
 EXTRA_CHANNELS = (512, 256, 256)
 
@@ -31,7 +31,7 @@ class Conv:
 
 
 class Chain(nn.Sequential):
-    """Convolutions one after the other, each `Conv` scaled by `width`; `channels` come out."""
+    """A sequence of convolutions, each `Conv` scaled by `width`; has `channels` output channels."""
 
     def __init__(self, in_channels: int, width: float, *rows: Conv) -> None:
         super().__init__()
@@ -44,7 +44,7 @@ class Chain(nn.Sequential):
 
 
 class Pool(nn.Module):
-    """A pooling layer that knows how many channels come out."""
+    """A pooling layer that knows its number of output channels."""
 
     def __init__(self, pool: nn.Module, channels: int) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class Pool(nn.Module):
 
 
 class PooledChain(Chain):
-    """A 3 x 3 average that keeps the map's size, then convolutions."""
+    """A 3 x 3 average pooling that keeps the map's size, then convolutions."""
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, in_channels, h, w) -> (B, channels, h, w)."""
@@ -66,7 +66,7 @@ class PooledChain(Chain):
 
 
 class Fork(nn.Module):
-    """A chain whose output goes through several chains, concatenated."""
+    """A chain followed by several parallel chains, concatenated."""
 
     def __init__(self, trunk: Chain, width: float, *rows: Conv) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ class Fork(nn.Module):
 
 
 class Concat(nn.Module):
-    """Branches side by side on one input, concatenated over the channels."""
+    """Parallel branches on one input, concatenated over the channels."""
 
     def __init__(self, *branches: Chain | Pool | Fork) -> None:
         super().__init__()
@@ -145,7 +145,7 @@ def inception_b(channels: int, width: float) -> Concat:
 
 
 def reduction_b(channels: int, width: float) -> Concat:
-    """(B, 1024, 17, 17) -> (B, 1536, 9, 9): padded by 1 where the classifier is not."""
+    """(B, 1024, 17, 17) -> (B, 1536, 9, 9): padded by 1, unlike the classifier."""
     return Concat(
         _max_pool(channels, padding=1),
         Chain(channels, width, Conv(192, 1), Conv(192, 3, 2, 1)),
@@ -208,7 +208,7 @@ class InceptionV4Features(nn.Module):
         return maps
 
     def cell_centres(self) -> list[list[float]]:
-        """For each map the centres of its cells along either axis, in units of the image's side."""
+        """Cell centres of each map along either axis, in units of the image's side."""
         centres, grid = [], Grid()
         for size, stage in zip(MAP_SIZES, (*self.trunk, *self.extra), strict=True):
             grid = through(stage, grid)
@@ -228,7 +228,7 @@ def _repeat(
 
 
 def _extra_stages(channels: int, width: float) -> nn.ModuleList:
-    """SSD's way down: a 1 x 1 bottleneck of half the channels, then 3 x 3 with stride 2."""
+    """SSD's extra stages: a 1 x 1 bottleneck of half the channels, then 3 x 3 with stride 2."""
     stages = nn.ModuleList()
     for count in EXTRA_CHANNELS:
         stage = Chain(channels, width, Conv(count // 2, 1), Conv(count, 3, 2, 1))
@@ -242,7 +242,7 @@ def _max_pool(channels: int, padding: int) -> Pool:
 
 
 def _channels(blocks: nn.Sequential) -> int:
-    """The channels that the last block of a sequence puts out."""
+    """The output channels of a sequence's last block."""
     last = blocks[-1]
     assert isinstance(last, Concat)
     return last.channels

@@ -1,4 +1,4 @@
-"""What the backbone and the heads share: Conv-BN-ReLU and its statistics."""
+"""Layers shared by backbone and heads: Conv-BN-ReLU and its statistics."""
 
 import torch
 from torch import Tensor, nn
@@ -22,15 +22,15 @@ class ConvBNReLU(nn.Module):
         """(B, in_channels, h, w) -> (B, channels, h', w')."""
         result: Tensor = self.activation(self.norm(self.conv(x)))
         if self.training and result.requires_grad:
-            # A concatenation hands back slices of its gradient, on which ReLU's is slow on a CPU.
+            # Concatenation returns slices of its gradient, which slow ReLU's backward on a CPU.
             result.register_hook(_packed)
         return result
 
 
 def freeze_statistics(network: nn.Module) -> None:
-    """Let batch normalisation use its running statistics, and leave them as they are."""
+    """Make batch normalisation use its running statistics without updating them."""
     for module in network.modules():
-        if isinstance(module, nn.modules.batchnorm._BatchNorm):  # SyncBatchNorm, too
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):  # includes SyncBatchNorm
             module.eval()
 
 

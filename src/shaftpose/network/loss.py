@@ -1,12 +1,12 @@
 """The paper's loss (III-E): L = (L_conf + alpha L_bbox + L_pose) / n.
 
-n is the number of matched default boxes in the batch, 1 if there is none. Which boxes those are is
-`matching`'s business, which background boxes count is `mining`'s, and how boxes and poses stand in
-the outputs that of `box_coding` and of the network's `PoseCoder`.
+n is the number of matched default boxes in the batch, at least 1. `matching` selects these boxes,
+`mining` selects the background boxes that count. `box_coding` and the network's `PoseCoder` define
+how the outputs code boxes and poses.
 
-A distributed training shares a batch out among R ranks and follows the mean of their gradients.
-Each therefore divides by n / R, where n is that of the whole batch: the mean of the ranks' losses,
-(1 / R) sum_r L_r / (n / R) = sum_r L_r / n, is the loss of one process that has the whole batch.
+A distributed training splits a batch among R ranks and averages their gradients. Each rank
+therefore divides by n / R, where n is that of the whole batch: the mean of the ranks' losses,
+(1 / R) sum_r L_r / (n / R) = sum_r L_r / n, equals the loss of one process with the whole batch.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from shaftpose.batches import Targets
+from shaftpose.core.batches import Targets
 from shaftpose.network import ranks
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
@@ -25,13 +25,13 @@ from shaftpose.network.mining import hard_negatives
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.smooth_l1 import smooth_l1
 
-NEGATIVE_RATIO = 3  # mined background boxes for each matched one, as in SSD
+NEGATIVE_RATIO = 3  # mined background boxes per matched box, as in SSD
 
 
 class LossTerms(NamedTuple):
-    """Scalars: the total L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
+    """Scalars: the loss L, its terms L_conf / n, L_bbox / n and L_pose / n, and matched boxes."""
 
-    total: Tensor
+    loss: Tensor
     confidence: Tensor
     box: Tensor
     pose: Tensor
@@ -39,7 +39,7 @@ class LossTerms(NamedTuple):
 
 
 class Assignment(NamedTuple):
-    """What each default box has to answer for.
+    """The training target of each default box.
 
     truth: (B, A) int64 index of a ground truth (0 where there is none); positive: (B, A) bool,
     matched; negative: (B, A) bool, the mined hard negatives.
@@ -51,7 +51,7 @@ class Assignment(NamedTuple):
 
 
 class ShaftLoss(nn.Module):
-    """`alpha` weighs L_bbox; `beta` (5 values) the pose dimensions; `gamma` scales pose errors."""
+    """The loss: `alpha` weights L_bbox, `beta` (5,) pose dimensions; `gamma` scales pose errors."""
 
     beta: Tensor
 
@@ -75,8 +75,8 @@ class ShaftLoss(nn.Module):
         confidence = self.confidence_loss(outputs, assignment) / n
         box = self.box_loss(outputs, targets, assignment, defaults) / n
         pose = self.pose_loss(outputs, targets, assignment, pose_coder) / n
-        total = confidence + self.alpha * box + pose
-        return LossTerms(total, confidence, box, pose, matched)
+        loss = confidence + self.alpha * box + pose
+        return LossTerms(loss, confidence, box, pose, matched)
 
     def assign(self, outputs: HeadOutputs, targets: Targets, defaults: Tensor) -> Assignment:
         """Match default boxes with the ground truth and mine hard negatives."""
@@ -110,13 +110,13 @@ class ShaftLoss(nn.Module):
     ) -> Tensor:
         """L_pose: the sum over p of beta_p L_1(gamma (pred_p - target_p)), L_1 being smooth L1.
 
-        Over matched boxes of images whose poses are known. A coder of classes has cross-entropy in
-        the place of L_1 (see `PoseCoder.errors`). The paper also speaks of outputs "set to 0 if the
-        instruments are not on that location"; docs/conventions.md says why that is no part of the
-        loss.
+        Summed over matched boxes of images with known poses. A class coder uses cross-entropy
+        instead of L_1 (see `PoseCoder.errors`). The paper also mentions outputs "set to 0 if the
+        instruments are not on that location"; docs/conventions.md explains why this is not part of
+        the loss.
         """
         counts = (assignment.positive & targets.has_pose[:, None])[..., None]
-        # An unknown pose may be NaN; so would be its gradient, even where nothing is asked of it.
+        # An unknown pose may be NaN, and its gradient too, even if the loss masks it out.
         poses = torch.where(counts, gather_truth(targets.poses, assignment.truth), 0.0)
         errors = pose_coder.errors(outputs.poses, poses, self.gamma)
         return (self.beta * torch.where(counts, errors, 0.0)).sum()

@@ -1,4 +1,4 @@
-"""SSD's matching: which default box answers for which ground truth box."""
+"""SSD's matching of default boxes to ground truth boxes."""
 
 import torch
 from torch import Tensor
@@ -12,9 +12,9 @@ def match_boxes(
     """The ground truth of every default box, (B, A) int64, -1 for background.
 
     boxes: (B, G, 4) `x0, y0, x1, y1`; valid: (B, G) bool; defaults: (A, 4) `cx, cy, w, h`.
-    A default box takes the ground truth it overlaps most, from `iou_threshold` on. Besides, each
-    valid ground truth gets the default box that overlaps it most, whatever the overlap; of two
-    ground truths with the same best default box the later one gets it.
+    A default box matches the ground truth of the highest IoU, if that is at least `iou_threshold`.
+    In addition, each valid ground truth gets the default box of the highest IoU, however small; if
+    two ground truths share their best default box, the later one gets it.
     """
     if boxes.shape[1] == 0:
         return boxes.new_full((len(boxes), len(defaults)), -1, dtype=torch.int64)
@@ -26,10 +26,10 @@ def match_boxes(
 
 
 def _force_matches(iou: Tensor, valid: Tensor) -> Tensor:
-    """(B, A) int64: the last valid ground truth whose best default box it is, else -1."""
+    """(B, A) int64: the last valid ground truth whose best default box this is, else -1."""
     batch, truths, defaults = iou.shape
     best_default = iou.argmax(dim=2)
     truth = torch.arange(truths, device=iou.device).expand(batch, truths)
     unmatched = torch.full((batch, defaults), -1, device=iou.device)
-    # The maximum of the indices, unlike plain scatter, has a defined winner.
+    # Unlike plain scatter, the maximum of the indices is deterministic.
     return unmatched.scatter_reduce(1, best_default, truth.where(valid, -1), reduce="amax")

@@ -1,4 +1,4 @@
-"""SSD's hard negative mining: which background boxes count in the confidence loss."""
+"""SSD's hard negative mining: selects the background boxes of the confidence loss."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""Non-maximum suppression as one operator, so that an export can put ONNX's own in its place."""
+"""Non-maximum suppression as a single operator, which an export replaces by ONNX's own."""
 
 import torch
 from torch import Tensor
@@ -10,15 +10,15 @@ from shaftpose.network.default_boxes import pairwise_iou
 def nms_mask(boxes: Tensor, scores: Tensor, iou_threshold: float) -> Tensor:
     """(B, K) float32: 1 for boxes that survive, 0 for the suppressed.
 
-    boxes: (B, K, 4) `x0, y0, x1, y1`; scores: (B, K). Exactly the greedy rule: a box is suppressed
-    if it overlaps a surviving box of a higher score by more than `iou_threshold`.
+    boxes: (B, K, 4) `x0, y0, x1, y1`; scores: (B, K). Follows the greedy rule exactly: a box is
+    suppressed if its IoU with a surviving box of a higher score exceeds `iou_threshold`.
     """
     order = scores.argsort(dim=1, descending=True, stable=True)
     ranked = boxes.gather(1, order[..., None].expand_as(boxes))
     rivals = (pairwise_iou(ranked, ranked) > iou_threshold).triu(diagonal=1)
     survives = torch.ones_like(order, dtype=torch.bool)
-    # Every round settles at least the next box in rank, so this ends; the state that no round
-    # changes is the only one that obeys the rule.
+    # Each round settles at least the next box in rank, so the loop ends. Only its fixed point
+    # obeys the rule.
     while True:
         updated = ~(rivals & survives[..., None]).any(dim=1)
         if torch.equal(updated, survives):
@@ -30,3 +30,6 @@ def nms_mask(boxes: Tensor, scores: Tensor, iou_threshold: float) -> Tensor:
 @nms_mask.register_fake
 def _(boxes: Tensor, scores: Tensor, iou_threshold: float) -> Tensor:
     return torch.empty_like(scores, dtype=torch.float32)
+
+
+OPERATOR = torch.ops.shaftpose.nms_mask.default

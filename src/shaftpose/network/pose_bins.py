@@ -1,4 +1,4 @@
-"""Poses as classes, as in SSD-6D (Kehl et al., 2017): of each dimension one bin is right."""
+"""Poses as classes, as in SSD-6D (Kehl et al., 2017): one bin of each dimension is correct."""
 
 import math
 from collections.abc import Sequence
@@ -10,23 +10,22 @@ from torch.nn import functional
 from shaftpose.errors import InputError
 from shaftpose.network.pose_coding import PoseCoder, wrap_yaw
 
-_ROUNDING = 1e-6  # of a step: (0.3 - 0.0) / 0.1 is a little less, or more, than 3
+_ROUNDING = 1e-6  # in steps: (0.3 - 0.0) / 0.1 may differ from 3
 
 
 class BinCoder(PoseCoder):
     """One logit for each bin of each dimension; the bins of a dimension are `steps` wide.
 
-    Bin k holds low + k step <= value < low + (k + 1) step and is decoded to its centre; the
-    outermost bins also take what lies beyond them. The last one is as wide as the others, even if
-    the range ends inside it: of yaw's 72 bins of 5 deg over 0..358 it is 355..360.
+    Bin k holds low + k step <= value < low + (k + 1) step and is decoded to its centre. Values
+    beyond the outermost bins belong to them. The last bin has full width even if the range ends
+    inside it: the last of yaw's 72 bins of 5 deg over 0..358 is 355..360.
 
-    Yaw is measured around the circle from its lowest value on, so 359 and -1 deg are in the same
-    bin. On either side of the seam the bins stay classes of their own, which cross-entropy does not
-    know to be neighbours; it knows that of no two bins.
+    Yaw is measured around the circle from its lowest value, so 359 and -1 deg are in the same bin.
+    The bins on either side of the seam are separate classes; cross-entropy treats no two bins as
+    neighbours.
 
-    bins: their number in each dimension; `values` is the sum, in the order of the dimensions.
-    Raises InputError if `steps`, their widths, are not as many positive numbers as there are
-    dimensions.
+    bins: their number in each dimension; `values` is the sum. Raises InputError unless `steps` has
+    one positive number for each dimension.
     """
 
     continuous = False
@@ -63,7 +62,7 @@ class BinCoder(PoseCoder):
         return wrap_yaw(self.low + (torch.stack(likeliest, dim=-1) + 0.5) * self.steps)
 
     def errors(self, predicted: Tensor, poses: Tensor, gamma: float) -> Tensor:
-        """Softmax cross-entropy of each dimension, (..., 5). `gamma` plays no part."""
+        """Softmax cross-entropy of each dimension, (..., 5). `gamma` is ignored."""
         dimensions = zip(self._by_dimension(predicted), self.encode(poses).unbind(-1), strict=True)
         return torch.stack([_cross_entropy(logits, bins) for logits, bins in dimensions], dim=-1)
 

@@ -1,7 +1,7 @@
-"""What a head's numbers say about a pose: the interface, and the paper's regression.
+"""Coding of poses in a head's outputs: the interface, and the paper's regression.
 
-Heads, loss, decoding and export know poses through a `PoseCoder` alone; a variant's file chooses
-which. `pose_bins` holds the other one.
+Heads, loss, decoding and export access poses only through a `PoseCoder`; a variant's file selects
+it. `pose_bins` holds the other implementation.
 """
 
 from abc import ABC, abstractmethod
@@ -16,12 +16,12 @@ from shaftpose.network.smooth_l1 import smooth_l1
 class PoseCoder(nn.Module, ABC):
     """The coding of poses in K numbers per default box.
 
-    Made from the ranges of poses, `low` and `high` (5 values each: x_mm, y_mm, z_mm, pitch_deg,
-    yaw_deg). What decoding needs of them are buffers: they travel with a checkpoint, because its
-    weights mean nothing without them.
+    Built from the ranges of poses, `low` and `high` (5 values each: x_mm, y_mm, z_mm, pitch_deg,
+    yaw_deg). Values needed for decoding are buffers: a checkpoint stores them, because its weights
+    are meaningless without them.
 
-    values: K, how many numbers a head predicts for each default box; continuous: whether outputs
-    that differ little stand for poses that differ little.
+    values: K, the numbers that a head predicts for each default box; continuous: whether a small
+    change of the outputs is a small change of the pose.
     """
 
     values: int
@@ -33,15 +33,15 @@ class PoseCoder(nn.Module, ABC):
 
     @abstractmethod
     def errors(self, predicted: Tensor, poses: Tensor, gamma: float) -> Tensor:
-        """How far off each dimension is, as L_pose counts it before it is weighed by beta.
+        """The error of each dimension, as in L_pose before the weighting by beta.
 
-        predicted: (..., K); poses: (..., 5) mm and deg, the truth -> (..., 5). `gamma` scales
-        differences between numbers; a coding without such differences has no use for it.
+        predicted: (..., K); poses: (..., 5) mm and deg, the ground truth -> (..., 5). `gamma`
+        scales numeric differences; a coding without them ignores it.
         """
 
 
 class RegressionCoder(PoseCoder):
-    """One number for each dimension: its range is scaled to [-1, 1] (paper, III-C)."""
+    """One number for each dimension, its range scaled to [-1, 1] (paper, III-C)."""
 
     continuous = True
     low: Tensor

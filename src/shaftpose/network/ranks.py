@@ -1,4 +1,4 @@
-"""What the processes (ranks) of a distributed training share; elsewhere there is one rank."""
+"""Sums over the processes (ranks) of a distributed training; otherwise there is one rank."""
 
 from torch import Tensor, distributed
 

@@ -1,9 +1,9 @@
-"""Where the cells of a feature map lie in the image, from the strides and paddings of its layers.
+"""Positions of a feature map's cells in the image, from the strides and paddings of its layers.
 
-A cell looks at a square of the image. Its centre moves by `(kernel - 1) / 2 - padding` cells of the
-layer before (Dumoulin and Visin, 2016, relationship 6); what padding cuts off at the border is not
-subtracted. All other layers, and functions called without a module, must keep each cell where it
-is.
+A cell's receptive field is a square of the image. Each layer moves its centre by
+`(kernel - 1) / 2 - padding` cells of the layer before (Dumoulin and Visin, 2016, relationship 6);
+clipping at the border is ignored. All other layers, and functions called without a module, must
+keep the cells' positions.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from torch import nn
 
 @dataclass(frozen=True)
 class Grid:
-    """Centres of cells: the first one, and the step to the next, in pixels, alike in x and y.
+    """Centres of cells: the first one, and the step to the next, in pixels, equal in x and y.
 
-    Without arguments: those of the image's own pixels.
+    The default is the grid of the image's pixels.
     """
 
     first_px: float = 0.5
@@ -28,9 +28,9 @@ class Grid:
 
 
 def through(module: nn.Module, grid: Grid) -> Grid:
-    """The grid behind a module whose input has `grid`.
+    """The output grid of a module whose input has `grid`.
 
-    Modules in a `branches` list stand side by side, all others behind one another.
+    Modules in a `branches` list are parallel, all others sequential.
     """
     if isinstance(module, nn.Conv2d | nn.MaxPool2d | nn.AvgPool2d):
         kernel, stride, padding = (
@@ -49,5 +49,5 @@ def through(module: nn.Module, grid: Grid) -> Grid:
 
 
 def _pair(size: Any) -> tuple[int, int]:
-    """What torch notes of a layer's size: one number, or one for each axis."""
+    """A layer's size as a pair; torch stores one number, or one for each axis."""
     return size if isinstance(size, tuple) else (size, size)

@@ -1,7 +1,7 @@
-"""The Blender scene: one per process, changed from image to image, rendered by Cycles.
+"""The Blender scene: one per process, updated for each image, rendered by Cycles.
 
 1 Blender unit is 1 mm. Blender's camera looks along -z with y up: points of the project's camera
-frame enter by the flip (x, -y, -z).
+frame are converted by the flip (x, -y, -z).
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings, SceneSettings
-from shaftpose.geometry import Camera, ShaftPose, mask_box
-from shaftpose.images import read_rgb
+from shaftpose.core.geometry import Camera, ShaftPose, mask_box
+from shaftpose.core.images import read_rgb
 from shaftpose.rendering.cycles_passes import PassReader
 from shaftpose.rendering.device import use_device
 from shaftpose.rendering.films import FilmLayer
@@ -32,25 +31,26 @@ from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.regions import Region, cover
 from shaftpose.rendering.scene import Light, Occluder, Scene
 from shaftpose.rendering.shapes import instrument_shape
+from shaftpose.settings.parts import RenderSettings, SceneSettings
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-_LEAST_ROOM_MM = 60.0  # half edge of the cube that carries the background
+_LEAST_ROOM_MM = 60.0  # half edge of the cube with the background
 _LAMP_MM = 2.0  # from the lens to a light guide
 _RING_LAMPS = 8
 _LAMP_SIZE_MM = 1.5
-# The pixel filter reaches 1.5 px beyond a mesh's edge: margin of the rendered region.
+# Margin of the rendered region: the pixel filter reaches beyond a mesh's edge.
 _MARGIN_PX = 3
-# One more render costs about as much as a sample each of so many empty pixels: 0.5 ms in Cycles, at
-# 0.2 us for each of those, and some room for what Python does around it.
+# Fixed cost of a render, in samples of empty pixels: 0.5 ms in Cycles at 0.2 us per sample, plus a
+# reserve for Python's overhead.
 _RENDER_PX_SAMPLES = 4_000
-_OCCLUDER_INDEX = 30_000  # beyond any number of shafts; Blender takes up to 32,767
-# Metal mirrors the cube after one bounce, and after two what the other shaft mirrors.
+_OCCLUDER_INDEX = 30_000  # more than any number of shafts; Blender's limit is 32,767
+# Metal reflects the cube after one bounce, and the other shaft's reflections after two.
 _BOUNCES = 2
 
 
 @dataclass(frozen=True)
 class Foreground:
-    """What Blender renders: the region that shafts and occluders touch, or all of a bent picture.
+    """Blender's output for the region of shafts and occluders; the whole image if distorted.
 
     linear: (h, w, 4) float32, scene-linear RGB premultiplied by alpha; index: (h, w) int, n + 1
     where shaft n is in front at the pixel's centre, 0 elsewhere.
@@ -62,7 +62,7 @@ class Foreground:
 
 
 class Renderer:
-    """Renders scenes. Only one may exist per process: Blender has one open file.
+    """Renders scenes. Only one may exist per process, because Blender has one open file.
 
     Raises InputError if the settings' CAD file or distortion cannot be used.
     """
@@ -85,11 +85,11 @@ class Renderer:
         self._films: list[FilmLayer] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
-        self._images: list[Any] = []  # of the background: as metal mirrors it, as tissue shows it
+        self._images: list[Any] = []  # of the background: reflected by metal, shown by tissue
         self._reader = PassReader()
 
     def render(self, scene: Scene) -> Foreground | None:
-        """The shafts and occluders of a scene; None if there is nothing in view."""
+        """Render the shafts and occluders of a scene; None if nothing is in view."""
         self._show_background(scene.background, scene.light)
         self._place_shafts(scene.shafts, scene.rolls_deg)
         for material, steel in zip(self._steels, scene.steels, strict=False):
@@ -102,7 +102,7 @@ class Renderer:
     def silhouettes(
         self, poses: Sequence[ShaftPose], camera: Camera, rolls_deg: Sequence[float] | None = None
     ) -> NDArray[np.int64]:
-        """(H, W) index of the shaft in front at each pixel's centre of `camera`, n + 1, or 0."""
+        """Index (H, W) of the shaft in front at each pixel's centre of `camera`, n + 1, or 0."""
         self._place_shafts(poses, rolls_deg or [0.0] * len(poses))
         self._place_occluders(())
         index = np.zeros((camera.height, camera.width), dtype=np.int64)
@@ -114,7 +114,7 @@ class Renderer:
     def _show_background(self, path: Path, light: Light) -> None:
         images = [mirrored_image(read_rgb(path)), bpy.data.images.load(str(path.resolve()))]
         self._glow.apply(images[0], light.ambient)
-        # A changed image is never seen by Cycles' persistent data; a new one is.
+        # Cycles' persistent data ignores changes to an image, but not a new image.
         for image in self._images:
             bpy.data.images.remove(image)
         self._images = images
@@ -164,7 +164,7 @@ class Renderer:
         return lump, mesh
 
     def _render_for(self, camera: Camera) -> Foreground | None:
-        """The scene as it is placed, seen by `camera`."""
+        """Render the placed scene, as seen by `camera`."""
         foreground = self._render_regions()
         if foreground is None or camera == self._pinhole:
             return foreground
@@ -176,7 +176,7 @@ class Renderer:
         return Foreground(whole, *seen_by(camera, self._pinhole, linear, index))
 
     def _render_regions(self) -> Foreground | None:
-        """Blender is called for each part of the picture that has something in it."""
+        """Call Blender for each non-empty part of the image."""
         touched = self._touched()
         if not touched.any():
             return None
@@ -192,7 +192,7 @@ class Renderer:
         return Foreground(whole, linear[whole.slices], index[whole.slices])
 
     def _touched(self) -> NDArray[np.bool_]:
-        """(H, W) the pixels that a shaft or an occluder may touch, and a margin around them."""
+        """Mask (H, W) of pixels that a shaft or an occluder may touch, plus a margin."""
         placed = [(self._mesh, place) for place in self._places]
         placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders]
         touched = np.zeros((self._pinhole.height, self._pinhole.width), dtype=np.uint8)
@@ -208,8 +208,8 @@ class Renderer:
 def kelvin_to_rgb(kelvin: float) -> tuple[float, float, float]:
     """Linear RGB of a black body, brightest channel 1.
 
-    A linear blend between its values at 3,000 K, 6,500 K and 10,000 K: lamps of scopes lie there,
-    and the metal shows no finer difference.
+    Linear interpolation between 3,000 K, 6,500 K and 10,000 K: this covers endoscope lamps, and
+    finer differences do not show on metal.
     """
     known = np.array([3000.0, 6500.0, 10000.0])
     red, green, blue = np.array([[1.0, 1.0, 0.62], [0.45, 1.0, 0.75], [0.15, 1.0, 1.0]])
@@ -248,7 +248,7 @@ def _set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
     scene.view_layers[0].use_pass_object_index = True
     cycles = scene.cycles
     cycles.seed = 0
-    cycles.use_light_tree = False  # which is for many lights; here the lamps are the only ones
+    cycles.use_light_tree = False  # made for many lights; here the lamps are the only ones
     cycles.samples, cycles.use_adaptive_sampling = samples, False
     cycles.use_denoising = cycles.use_auto_tile = False
     cycles.max_bounces = cycles.glossy_bounces = _BOUNCES
@@ -285,9 +285,9 @@ def _add_lamp(scene: Any, x_mm: float, y_mm: float) -> Any:
 
 
 def room_half_mm(settings: RenderSettings, pinhole: Camera) -> float:
-    """Half edge of the cube that carries the background (paper, training dataset): so large that
-    no visible part of a shaft pierces it. What is visible lies in the field of view, and no
-    farther away than the farthest tip, or handle if it points away from the camera."""
+    """Half edge of the cube with the background (paper, training dataset). No visible part of a
+    shaft may pierce it: visible parts are within the field of view and no farther than the
+    farthest tip, or handle if it points away from the camera."""
     away = max(0.0, -float(np.cos(np.radians(settings.poses.pitch_deg[1]))))
     farthest = settings.poses.z_mm[1] + away * instrument_shape(settings.shaft).length_mm
     across = farthest * max(1.0, pinhole.width / (2 * pinhole.focal_px))
@@ -295,7 +295,7 @@ def room_half_mm(settings: RenderSettings, pinhole: Camera) -> float:
 
 
 def _add_room(scene: Any, half_mm: float) -> GlowMaterial:
-    """The cube of background images around camera and shafts; the camera does not see it."""
+    """The cube of background images around camera and shafts, invisible to the camera."""
     glow = GlowMaterial.create("background")
     mesh = _blender_mesh("room", room_mesh(half_mm), smooth=False)
     mesh.materials[0] = glow.material
@@ -306,8 +306,8 @@ def _add_room(scene: Any, half_mm: float) -> GlowMaterial:
 
 
 def room_mesh(half_mm: float) -> Mesh:
-    """A cube around the camera in Blender's axes, every face the whole background; on the face in
-    front of the camera (-z) it lies as the camera sees it."""
+    """A cube around the camera in Blender's axes; each face shows the whole background, the one in
+    front of the camera (-z) in the camera's orientation."""
     corners = half_mm * np.array(
         [[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64
     )
@@ -328,17 +328,17 @@ def _blender_mesh(name: str, mesh: Mesh, smooth: bool) -> Any:
 
 
 def _smooth_sides(data: Any) -> None:
-    """Smooth shading, but for faces of more than four corners: the flat ends of a shaft."""
+    """Shade faces smooth, except those with more than four corners: a shaft's flat ends."""
     flags = [len(face.vertices) <= 4 for face in data.polygons]
     data.polygons.foreach_set("use_smooth", flags)
     data.set_sharp_from_angle(angle=np.radians(30))
 
 
 def _set_border(scene: Any, region: Region, camera: Camera) -> None:
-    """Render only `region`: bit-identical to the same pixels of a full frame."""
+    """Render only `region`; bit-identical to the same pixels of a full frame."""
     render = scene.render
     render.use_border = render.use_crop_to_border = True
-    # Blender rounds border fractions down to pixels; a quarter of one guards against 2.9999.
+    # Blender rounds border fractions down to pixels; a quarter pixel guards against 2.9999.
     render.border_min_x = (region.x0 + 0.25) / camera.width
     render.border_max_x = (region.x1 + 0.25) / camera.width
     render.border_min_y = (camera.height - region.y1 + 0.25) / camera.height

@@ -1,4 +1,4 @@
-"""The instrument as BOP's tools expect it beside a dataset: its mesh, and what is known of it."""
+"""The instrument's mesh and metadata in the form that BOP's tools expect."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.shards import SHAFT_OBJECT_ID
 from shaftpose.files import new_file
 from shaftpose.rendering.shapes import Shape
-from shaftpose.shards import SHAFT_OBJECT_ID
 
 
 def write_models(folder: Path, shape: Shape) -> None:
-    """BOP's models folder: the mesh, of triangles as BOP's tools want it, and `models_info.json`.
+    """Write BOP's models folder: the mesh in triangles, and `models_info.json`.
 
-    The diagonal of the rod that holds the mesh stands for the greatest distance of two vertices.
+    BOP's diameter is approximated by the diagonal of the rod around the mesh.
     """
     vertices_mm = shape.mesh.vertices
     low, size = vertices_mm.min(axis=0), np.ptp(vertices_mm, axis=0)
@@ -40,7 +40,7 @@ def write_models(folder: Path, shape: Shape) -> None:
 
 
 def _triangles(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:
-    """Fans around the first corner of each face."""
+    """Triangle fans around the first corner of each face."""
     return [(first, *pair) for first, *rest in faces for pair in pairwise(rest)]
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from trimesh import Trimesh
 from trimesh.intersections import slice_faces_plane
 
-from shaftpose.config import CadSettings
 from shaftpose.errors import InputError
 from shaftpose.rendering.meshes import Mesh, wrapped_uv
+from shaftpose.settings.parts import CadSettings
 
 Array = NDArray[np.float64]
 
@@ -19,17 +19,17 @@ logger = logging.getLogger(__name__)
 _FORMATS = (".stl", ".obj", ".glb")
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _SHORTEST_MM, _LONGEST_MM, _USUAL_MM = 5.0, 1000.0, 300.0
-# Beyond these an instrument is used with a warning: one in cm or inch, read in mm, is.
+# Sizes outside of these cause a warning, such as an instrument in cm or inch read in mm.
 _USUALLY_SHORTEST_MM, _USUAL_DIAMETERS_MM = 60.0, (1.0, 15.0)
-# The part of an instrument, from its end on, by which this end is judged and the tip is centred.
+# Share of an instrument's length, from an end, used to find the tip and to centre it.
 _END = 0.05
 
 
 def cad_mesh(cad: CadSettings) -> Mesh:
     """The file's mesh in mm: the origin is the centre of the distal tip, +z points to the handle.
 
-    Textures and colours of the file are not used. Its size is logged, as a warning if it is
-    unusual. Raises InputError if it is no readable mesh or has the size of no instrument.
+    Textures and colours are ignored. The size is logged, as a warning if it is unusual. Raises
+    InputError if the file is not a readable mesh or not of an instrument's size.
     """
     body = _load(cad)
     body.vertices = body.vertices @ _axes(body, cad.axis).T
@@ -44,19 +44,19 @@ def cad_mesh(cad: CadSettings) -> Mesh:
 
 
 def _load(cad: CadSettings) -> Trimesh:
-    """The file's triangles in mm, all of its parts in one mesh."""
+    """The file's triangles in mm, merged into one mesh."""
     if cad.file.suffix.lower() not in _FORMATS:
-        raise InputError(f"{cad.file}: no STL, OBJ or GLB file; export one from your CAD program")
+        raise InputError(f"{cad.file}: not an STL, OBJ or GLB file; export one from your CAD tool")
     try:
         body = trimesh.load_mesh(cad.file)
-    except Exception as error:  # each format's reader has its own
+    except Exception as error:  # each format's reader raises its own
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise InputError(f"{cad.file}: cannot be read ({reason[0]}); export it again") from error
     if not len(body.faces):
         raise InputError(f"{cad.file}: holds no triangles; export it again, as a mesh")
     body.apply_scale(_UNITS_MM[cad.unit])
     _check_size(cad, body)
-    # Files repeat a corner for each of its normals or texture coordinates.
+    # Files repeat a vertex for each of its normals or texture coordinates.
     body.merge_vertices(merge_tex=True, merge_norm=True)
     if not body.is_watertight:
         logger.warning(
@@ -84,7 +84,7 @@ def _check_size(cad: CadSettings, body: Trimesh) -> None:
 
 
 def _log_size(cad: CadSettings, vertices: Array) -> None:
-    """Tell the length, and the diameter of the rod around the axis that holds all vertices."""
+    """Log the length and the diameter of the smallest rod around the axis and all vertices."""
     length = vertices[:, 2].max()
     diameter = 2 * np.hypot(vertices[:, 0], vertices[:, 1]).max()
     thinnest, thickest = _USUAL_DIAMETERS_MM
@@ -93,28 +93,28 @@ def _log_size(cad: CadSettings, vertices: Array) -> None:
         logger.info("%s", size)
         return
     logger.warning(
-        "%s; an instrument has %g mm or more and %g to %g mm: correct shaft.cad.unit, or leave "
-        "away what never enters the body",
+        "%s; expected a length of at least %g mm and a thickness of %g to %g mm: correct "
+        "shaft.cad.unit, or remove the parts that never enter the body",
         size, _USUALLY_SHORTEST_MM, thinnest, thickest,
     )  # fmt: skip
 
 
 def _axes(body: Trimesh, axis: str | None) -> Array:
-    """(3, 3) rotation whose last row is the instrument's axis."""
+    """Rotation (3, 3) whose last row is the instrument's axis."""
     if axis is not None:
         return np.roll(np.eye(3), 2 - "xyz".index(axis), axis=0)
-    # The second moments of the surface; exact for triangles, and open meshes have them, too.
+    # The second moments of the surface: exact for triangles, and defined for open meshes.
     corners = body.triangles - body.centroid
     sums = corners.sum(axis=1)
     moments = np.einsum("f,fci,fcj->ij", body.area_faces, corners, corners)
     moments += np.einsum("f,fi,fj->ij", body.area_faces, sums, sums)
-    # Eigenvectors in ascending order, with the sign that makes their largest component positive.
+    # Eigenvectors in ascending order, signed so that their largest component is positive.
     _, across, along = (v * np.sign(v[np.abs(v).argmax()]) for v in np.linalg.eigh(moments)[1].T)
     return np.stack([across, np.cross(along, across), along])
 
 
 def _tip_is_high(body: Trimesh, tip: str | None) -> bool:
-    """Whether the tip is at the end of greater z: the one asked for, or else the thinner one."""
+    """Whether the tip is at the end with greater z: as set by `tip`, else at the thinner end."""
     if tip is not None:
         return tip == "high"
     low, high = (np.ptp(_end(body, end)[:, :2], axis=0).max() for end in (False, True))
@@ -122,7 +122,7 @@ def _tip_is_high(body: Trimesh, tip: str | None) -> bool:
 
 
 def _end(body: Trimesh, tip_is_high: bool) -> Array:
-    """The corners (2, 3) of the box around one end of a body along z."""
+    """Corners (2, 3) of the bounding box of one end of a body along z."""
     bottom, top = body.bounds[:, 2]
     depth = _END * (top - bottom)
     z, outwards = (top - depth, 1) if tip_is_high else (bottom + depth, -1)

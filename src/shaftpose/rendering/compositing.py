@@ -1,4 +1,4 @@
-"""From Blender's linear foreground and a background photo to the finished image."""
+"""Compositing of Blender's linear foreground and a background photo, and lens effects."""
 
 from itertools import product
 from math import ceil
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.images import decode_rgb, encode_jpeg
+from shaftpose.core.images import decode_rgb, encode_jpeg
 from shaftpose.rendering.scene import Lens
 
 # sRGB to linear for every 8-bit level (IEC 61966-2-1), as a table.
@@ -25,7 +25,7 @@ def to_linear(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def to_srgb(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Scene-linear values to 8-bit sRGB; what is brighter than 1 is clipped, as in a sensor."""
+    """Scene-linear values to 8-bit sRGB; values above 1 are clipped, as in a sensor."""
     clipped = np.clip(linear, 0.0, 1.0)
     curve = np.where(
         clipped <= 0.0031308, 12.92 * clipped, 1.055 * np.power(clipped, 1 / 2.4) - 0.055
@@ -48,7 +48,7 @@ def composite(
 
 
 def darken(rgb: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """An image (H, W, 3) without a share (H, W) of its light; where that is 0, it is the same."""
+    """Remove a share (H, W) of an image's (H, W, 3) light; pixels with share 0 are unchanged."""
     return to_srgb(_TO_LINEAR[rgb] * (1 - share[..., None]))
 
 
@@ -58,9 +58,9 @@ def apply_lens(
     sensor_seed: int,
     shown: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
-    """Haze, vignette, defocus, motion blur, the black around `shown` (H, W), sensor noise and a
-    recorder's compression, in that order; nothing moves, so boxes, masks and poses stay valid. A
-    lens without any of that returns the image unchanged."""
+    """Apply haze, vignette, defocus, motion blur, black outside of `shown` (H, W), sensor noise and
+    JPEG compression, in that order. Nothing moves, so boxes, masks and poses stay valid. Without
+    any effect the image is returned unchanged."""
     if lens == _CLEAN and shown is None:
         return rgb
     rng = np.random.default_rng(sensor_seed)
@@ -79,8 +79,8 @@ def apply_lens(
 
 
 def _way(right_px: float, down_px: float) -> NDArray[np.float32]:
-    """The kernel of a motion blur: a straight way through its centre, so that nothing is moved on
-    the whole; the sum is 1."""
+    """Motion blur kernel: a straight line through the centre, so there is no net shift; the sum
+    is 1."""
     half = ceil(max(abs(right_px), abs(down_px)) / 2) + 1
     steps = np.linspace(-0.5, 0.5, 16 * half + 1)
     u, v = half + steps * right_px, half + steps * down_px
@@ -96,7 +96,7 @@ def _compressed(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
 
 
 def _smoke(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
-    """Density (size, size) in [0, 1] of drifting smoke: two octaves of smooth noise."""
+    """Density (size, size) in [0, 1] of smoke: two octaves of smooth noise."""
     coarse = cv2.resize(rng.random((4, 4), dtype=np.float32), (size_px, size_px),
                         interpolation=cv2.INTER_CUBIC)  # fmt: skip
     fine = cv2.resize(rng.random((9, 9), dtype=np.float32), (size_px, size_px),

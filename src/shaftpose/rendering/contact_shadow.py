@@ -1,4 +1,4 @@
-"""The soft shadow that shafts throw on the tissue behind them, of which there is only a photo."""
+"""The soft shadow of shafts on the tissue behind them, which exists only as a photo."""
 
 from collections.abc import Sequence
 
@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.core.geometry import Camera, ShaftPose
 
 _GAP_MM = 6.0  # from a tip to the tissue behind it
-_LAMP_MM = 3.0  # half width of the light: the lamp, and what tissue around throws back
-# Distances in px between a point and its shadow, for a lamp 1 mm beside the lens.
+_LAMP_MM = 3.0  # half width of the light: the lamp, and light reflected by nearby tissue
+# Distances in px between a point and its shadow, for a lamp 1 mm from the lens.
 _PARALLAXES = 2.0 ** np.arange(-1, 6)
 
 
@@ -21,11 +21,11 @@ def contact_shadow(
 ) -> NDArray[np.float32]:
     """The share (H, W), 0 to 1, of its light that the tissue around shafts loses.
 
-    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps beside the lens. The
-    tissue behind a shaft is taken for a plane across the view, at the depth d a little beyond the
-    tip. On it a point at depth z has its shadow f b (1/z - 1/d) px beside itself for a lamp b mm
-    beside the lens, and as much more blurred as the lamp is wide: close to the tip the shadow is
-    narrow and dark, towards the handle wide and faint.
+    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps relative to the lens. The
+    tissue behind a shaft is approximated by a plane across the view at a depth d just beyond the
+    tip. For a lamp b mm from the lens, the shadow of a point at depth z is displaced by
+    f b (1/z - 1/d) px and blurred in proportion to the lamp's width: narrow and dark near the tip,
+    wide and faint towards the handle.
     """
     layers = np.zeros((len(_PARALLAXES), camera.height, camera.width), dtype=np.float32)
     for pose, mask in shafts:
@@ -40,12 +40,12 @@ def contact_shadow(
             blurred = cv2.GaussianBlur(layer, (0, 0), _LAMP_MM * parallax)
             for x_mm, y_mm in lamps_mm:
                 shadow += _moved(blurred, -x_mm * parallax, -y_mm * parallax) / len(lamps_mm)
-    # Half of a blurred shadow lies behind the edge that throws it.
+    # Half of a blurred shadow is behind the edge that casts it.
     return np.minimum(2 * shadow, 1)
 
 
 def _inverse_depth(camera: Camera, pose: ShaftPose) -> NDArray[np.float64]:
-    """1 / z (H, W), 1 / mm, of the plane through a shaft's axis that most faces the camera."""
+    """1 / z (H, W), in 1 / mm, of the plane through a shaft's axis that most faces the camera."""
     normal = np.cross(pose.direction, np.cross(pose.direction, pose.tip_mm))
     inverse: NDArray[np.float64] = camera.rays() @ normal / (pose.tip_mm @ normal)
     return inverse
@@ -53,6 +53,6 @@ def _inverse_depth(camera: Camera, pose: ShaftPose) -> NDArray[np.float64]:
 
 def _moved(image: NDArray[np.float32], right_px: float, down_px: float) -> NDArray[np.float32]:
     way = np.array([[1, 0, right_px], [0, 1, down_px]])
-    # The shaft goes on beyond the image, and so does its shadow.
+    # The shaft and its shadow continue beyond the image.
     moved = cv2.warpAffine(image, way, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(moved, dtype=np.float32)

@@ -1,9 +1,9 @@
-"""Cycles' passes as arrays, without a file in between.
+"""Cycles' passes as arrays, without intermediate files.
 
-Blender's module keeps no pixels of a render in memory that Python can read, but a render engine
-may read its own result. Cycles is a Python-registered engine, so its `render` method is wrapped:
-after the original call the passes are copied out. This is no documented interface; a test compares
-it with the EXR file that Blender writes.
+Python cannot read the pixels of a render from Blender's memory, but a render engine can read its
+own result. Cycles is registered from Python, so its `render` method is wrapped: after the original
+call the passes are copied. This interface is undocumented; a test compares the passes with the EXR
+file that Blender writes.
 """
 
 from collections.abc import Callable
@@ -25,11 +25,11 @@ class PassReader:
         engine.render = self._wrapped(engine.render)
 
     def render(self) -> Passes:
-        """Pass name -> (h, w, channels) float32, top row first; size is that of the border."""
+        """Pass name -> (h, w, channels) float32, top row first, of the border's size."""
         self._passes = {}
         bpy.ops.render.render()
         if not self._passes:
-            raise RuntimeError("Blender rendered nothing; its message stands above")
+            raise RuntimeError("Blender rendered nothing; see its message above")
         return self._passes
 
     def _wrapped(self, original: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,23 +1,23 @@
-"""Blood and clear fluid on a shaft: drops and smears over its steel, in Blender's nodes."""
+"""Blood and clear fluid on a shaft: drops and smears on its steel, in Blender's nodes."""
 
 from statistics import NormalDist
 from typing import Any
 
 from shaftpose.rendering.scene import Film
 
-# Of the pattern below, over the surface of a shaft: measured; its quantiles tell which part of the
-# surface lies above a height.
+# Measured heights of the pattern below on a shaft's surface; quantiles give the share of the
+# surface above a height.
 _HEIGHTS = NormalDist(0.496, 0.069)
-_EDGE = 0.015  # half of the height over which a film thickens at its rim
+_EDGE = 0.015  # half of the height range over which a film thickens at its rim
 _BLOOD = (0.05, 0.002, 0.001, 1.0)
 _BLOOD_TINT = (0.5, 0.03, 0.02, 1.0)  # of steel under thin blood
 _CLEAR = (1.0, 1.0, 1.0, 1.0)
-_RISE_MM = 3.0  # of a drop's surface, for each unit of the pattern's height
+_RISE_MM = 3.0  # of a drop's surface, per unit of the pattern's height
 
 
 class FilmLayer:
-    """The film on one steel material: a coat of its Principled shader, where a pattern in the
-    shaft's own coordinates, mm, is high. Steel without a film keeps the nodes it had."""
+    """The film on one steel material: a coat of its Principled shader where a pattern in the
+    shaft's coordinates, mm, is high. Steel without a film keeps its own nodes."""
 
     def __init__(self, material: Any) -> None:
         self._tree = material.node_tree
@@ -26,7 +26,7 @@ class FilmLayer:
         self._nodes: list[Any] = []
 
     def apply(self, film: Film | None) -> None:
-        """Lay a film over the steel as it is now, in place of the last one; None: clean steel."""
+        """Replace the film on the current steel; None: clean steel."""
         while self._nodes:
             self._tree.nodes.remove(self._nodes.pop())
         self._link(self._bare, "Normal")
@@ -37,7 +37,7 @@ class FilmLayer:
         cover = self._above(height, level)
         self._link(cover, "Coat Weight")
         surface = self._bump(height, level)
-        self._link(surface, "Normal")  # what shines through a drop is bent by it
+        self._link(surface, "Normal")  # a drop refracts the steel below it
         self._link(surface, "Coat Normal")
         self._shader.inputs["Coat Roughness"].default_value = 0.05
         self._shader.inputs["Coat Tint"].default_value = _BLOOD_TINT if film.blood else _CLEAR
@@ -45,7 +45,7 @@ class FilmLayer:
             self._opaque(self._above(height, level + 2 * _EDGE))
 
     def _opaque(self, thick: Any) -> None:
-        """Where blood is thick, no steel shines through."""
+        """Hide the steel where blood is thick."""
         colour = self._node("ShaderNodeMixRGB")
         colour.inputs["Color1"].default_value = self._shader.inputs["Base Color"].default_value
         colour.inputs["Color2"].default_value = _BLOOD
@@ -54,7 +54,7 @@ class FilmLayer:
         self._link(self._math("SUBTRACT", 1.0, thick), "Metallic")
 
     def _pattern(self, film: Film) -> Any:
-        """Heights: smears along the shaft, and drops."""
+        """Height pattern of smears along the shaft and of drops."""
         coordinates = self._node("ShaderNodeTexCoord").outputs["Object"]
         smears = self._noise(coordinates, film, (0.5, 0.5, 0.12), detail=3.0)
         drops = self._noise(coordinates, film, (0.9, 0.9, 0.9), detail=0.0)
@@ -72,7 +72,7 @@ class FilmLayer:
         return noise.outputs["Fac"]
 
     def _above(self, height: Any, level: float) -> Any:
-        """From 0 below a level of the height to 1 above it."""
+        """Smooth step from 0 below a height level to 1 above it."""
         step = self._node("ShaderNodeMapRange")
         step.interpolation_type = "SMOOTHSTEP"
         step.inputs["From Min"].default_value = level - _EDGE

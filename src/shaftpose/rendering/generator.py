@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
+from shaftpose.core.geometry import crossed_share, cylinder_depth, is_crossed
+from shaftpose.core.images import read_rgb
+from shaftpose.core.shards import Instrument, Sample, sample_key
 from shaftpose.errors import InputError
-from shaftpose.geometry import crossed_share, cylinder_depth, is_crossed
-from shaftpose.images import read_rgb
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
 from shaftpose.rendering.contact_shadow import contact_shadow
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.shards import Instrument, Sample, sample_key
+from shaftpose.settings.parts import RenderSettings
 
 _MOST_DRAWS = 250
 
@@ -55,7 +55,7 @@ class Generator:
     def _shadowed(
         self, rgb: NDArray[np.uint8], scene: Scene, instruments: tuple[Instrument, ...]
     ) -> NDArray[np.uint8]:
-        """The background (H, W, 3) with what the scene has of contact shadow."""
+        """The background (H, W, 3) with the scene's contact shadow."""
         if not scene.contact_shadow:
             return rgb
         shafts = [(instrument.pose, instrument.mask) for instrument in instruments]
@@ -63,9 +63,9 @@ class Generator:
         return darken(rgb, scene.contact_shadow * shadow)
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
-        """The first draw that shows enough of every shaft and, of those with an occluder, hides as
-        much as it shall. The sampler saw to the former on a coarse grid, with the rod around the
-        instrument and without occluders: most images without occluders take the first."""
+        """The first draw that shows enough of every shaft and hides the required share of occluded
+        and crossed ones. The sampler has checked visibility on a coarse grid, for surrounding rods
+        without occluders, so most images without occluders accept the first draw."""
         scene_settings = self._settings.scene
         least, (low, high) = scene_settings.min_visible_px, scene_settings.occluder_coverage
         for scene in islice(self._sampler.candidates(index), _MOST_DRAWS):
@@ -74,7 +74,7 @@ class Generator:
             if any(mask.sum() < least for mask in masks):
                 continue
             found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
-            # Occluders stand before the first shafts, one each.
+            # Occluders are in front of the first shafts, one each.
             hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
             crossed = crossed_shares(found, scene.crossing)
             if all(low <= share <= high for share in hidden) and all(
@@ -83,21 +83,21 @@ class Generator:
                 return scene, foreground, found
         fewest, most = scene_settings.crossing_coverage
         raise InputError(
-            f"image {index}: in each of {_MOST_DRAWS} draws a shaft shows fewer than "
-            f"scene.min_visible_px = {least} px, its occluder leaves scene.occluder_coverage = "
-            f"[{low:g}, {high:g}], or a crossing shaft hides nothing or leaves "
-            f"scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen `poses` "
-            "or these ranges (those of the occluded test sets: OCCLUDED in pipelines/render.py)"
+            f"image {index}: all {_MOST_DRAWS} draws were rejected: a shaft shows fewer than "
+            f"scene.min_visible_px = {least} px, its occluder is outside scene.occluder_coverage = "
+            f"[{low:g}, {high:g}], or a crossing shaft hides nothing or is outside "
+            f"scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen `poses` or "
+            "these ranges (for occluded test sets: OCCLUDED in shaftpose/rendering/set_plans.py)"
         )
 
     def _instrument(self, scene: Scene, number: int, mask: NDArray[np.bool_]) -> Instrument:
         """The annotation of one shaft whose visible mask is not empty."""
-        # The edges of mesh and cylinder may differ by a pixel: what is visible is also there.
+        # The edges of mesh and cylinder may differ by a pixel; amodal includes visible.
         amodal = self._whole(scene, number) | mask
         return Instrument(scene.shafts[number], mask, amodal, scene.rolls_deg[number])
 
     def _whole(self, scene: Scene, number: int) -> NDArray[np.bool_]:
-        """All pixels (H, W) of a shaft, hidden ones too: by geometry, or rendered alone."""
+        """Amodal mask (H, W) of a shaft: by geometry, or rendered alone."""
         pose, shape = scene.shafts[number], instrument_shape(self._settings.shaft)
         if shape.is_rod:
             return np.isfinite(
@@ -118,8 +118,8 @@ class Generator:
 
 
 def crossed_shares(instruments: Sequence[Instrument], crossing: int) -> list[float]:
-    """What each of the last `crossing` instruments hides, at most, of another: the sampler knows
-    but the rods around them, on a coarse grid."""
+    """The largest share that each of the last `crossing` instruments hides of another one, exact
+    where the sampler uses rods on a coarse grid."""
     first = len(instruments) - crossing
     others = [other.amodal_mask for other in instruments[:first]]
     return [crossed_share(last.mask, others) for last in instruments[first:]]

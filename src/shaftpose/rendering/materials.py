@@ -12,7 +12,7 @@ from shaftpose.rendering.compositing import to_linear
 from shaftpose.rendering.scene import Steel
 
 _NORMAL_MAP_PX = 512
-# Share of the scratches' slopes that the normal map has; the rest of their variance is roughness.
+# Share of the scratches' slopes in the normal map; the rest of their variance is roughness.
 _SHOWN_SLOPES = 0.5
 _SLOPE = 0.27  # root mean square of the normal map's slopes
 _MIRRORED_PX = 24
@@ -47,30 +47,29 @@ class SteelMaterial:
         return cls(material, shader, normal_map, mapping)
 
     def apply(self, steel: Steel) -> None:
-        """Take over the steel of one shaft; UV are mm, so the grain is in texture tiles: marks
-        around the shaft are some tenths of a millimetre wide, a pixel or more on near shafts."""
+        """Set the steel of one shaft. UV are in mm, so the grain is scaled to texture tiles: marks
+        around the shaft are a few tenths of a millimetre wide, at least a pixel on near shafts."""
         grey = (steel.grey, steel.grey, steel.grey * 0.98, 1.0)
         self._shader.inputs["Base Color"].default_value = grey
         self._shader.inputs["Roughness"].default_value = roughness_with_scratches(steel)
-        # Around the axis: without another tangent, Cycles takes that about the object's z.
+        # Around the axis: Cycles' default tangent is about the object's z.
         self._shader.inputs["Anisotropic"].default_value = steel.anisotropy
         self._normal_map.inputs["Strength"].default_value = _SHOWN_SLOPES * steel.scratches
         self._mapping.inputs["Scale"].default_value = (0.025, steel.grain / 400, 1.0)
 
 
 def roughness_with_scratches(steel: Steel) -> float:
-    """The roughness (Blender's, whose square is the GGX alpha) of steel with its finest scratches.
+    """Roughness of steel with its finest scratches (Blender's: its square is the GGX alpha).
 
-    Scratches finer than a pixel are many mirrors in one: rendered as a normal map they cost many
-    samples and look like roughness. Their slopes' variance s^2 adds 2 s^2 to alpha^2 (Olano and
-    Baker, LEAN Mapping, 2010).
+    Scratches finer than a pixel look like roughness, but cost many samples as a normal map. Their
+    slope variance s^2 adds 2 s^2 to alpha^2 (Olano and Baker, LEAN Mapping, 2010).
     """
     variance = (1 - _SHOWN_SLOPES**2) * (_SLOPE * steel.scratches) ** 2
     return float(min(steel.roughness**4 + 2 * variance, 1.0) ** 0.25)
 
 
 def _normal_map_image() -> Any:
-    """The normal map as a Blender image; one for all steels of a file."""
+    """The normal map as a Blender image, shared by all steels of a file."""
     existing = bpy.data.images.get("scratches")
     if existing is not None:
         return existing
@@ -84,8 +83,8 @@ def _normal_map_image() -> Any:
 
 
 def scratch_normals(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
-    """A tileable tangent-space normal map (size, size, 3) in [0, 1]: turning marks around the
-    shaft, fine grain, and a few scratches along it."""
+    """Tileable tangent-space normal map (size, size, 3) in [0, 1]: turning marks around the shaft,
+    fine grain, and a few scratches along it."""
     grain = rng.normal(size=(size_px, size_px)).astype(np.float32)
     wrap = cv2.BORDER_WRAP
     turned = _blur_tiled(grain, 24, 0.7)
@@ -101,7 +100,7 @@ def scratch_normals(rng: np.random.Generator, size_px: int) -> NDArray[np.float3
 
 
 def _blur_tiled(image: NDArray[np.float32], sigma_u: float, sigma_v: float) -> NDArray[np.float32]:
-    """Gaussian blur that wraps around, so that the result tiles."""
+    """Gaussian blur that wraps around, so the result is tileable."""
     pad = int(4 * max(sigma_u, sigma_v))
     padded = cv2.copyMakeBorder(image, pad, pad, pad, pad, cv2.BORDER_WRAP)
     blurred = cv2.GaussianBlur(padded, (0, 0), sigmaX=sigma_u, sigmaY=sigma_v)
@@ -109,15 +108,14 @@ def _blur_tiled(image: NDArray[np.float32], sigma_u: float, sigma_v: float) -> N
 
 
 def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
-    """A background (H, W, 3) as a new Blender image, in linear light and coarse.
+    """A background (H, W, 3) as a new Blender image, in linear light at low resolution.
 
-    Rough steel a few pixels wide shows no detail of what it mirrors: a pixel of it sees a wide
-    angle of the background, so that detail would only be noise.
+    A pixel of rough steel reflects a wide angle of the background, so detail would only add noise.
     """
     size = (_MIRRORED_PX, _MIRRORED_PX)
     image = bpy.data.images.new("mirrored", *size, alpha=False, float_buffer=True)
     pixels = np.ones((*size, 4), dtype=np.float32)
-    # Blender's images begin with their bottom row.
+    # Blender's images start with the bottom row.
     pixels[::-1, :, :3] = cv2.resize(to_linear(rgb), size, interpolation=cv2.INTER_AREA)
     image.pixels.foreach_set(pixels.ravel())
     return image
@@ -125,7 +123,7 @@ def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
 
 @dataclass
 class GlowMaterial:
-    """Shows an image by its own light, whatever else shines on it."""
+    """Emits an image, independent of lighting."""
 
     material: Any
     _texture: Any
@@ -140,7 +138,7 @@ class GlowMaterial:
         tree.nodes.clear()
         texture = tree.nodes.new("ShaderNodeTexImage")
         texture.extension = "EXTEND"
-        # Steel finds the background by its own reflection; to aim at it as at a lamp costs time.
+        # Reflection rays find the background; sampling it as a lamp would cost time.
         material.cycles.emission_sampling = "NONE"
         emission = tree.nodes.new("ShaderNodeEmission")
         output = tree.nodes.new("ShaderNodeOutputMaterial")
@@ -156,7 +154,7 @@ class GlowMaterial:
 
 @dataclass
 class TissueMaterial:
-    """Wet tissue in the colours of the background: for lumps that hide a shaft."""
+    """Wet tissue in the background's colours, for lumps that hide a shaft."""
 
     material: Any
     _texture: Any
@@ -171,13 +169,13 @@ class TissueMaterial:
         tree = material.node_tree
         shader = tree.nodes["Principled BSDF"]
         shader.inputs["Roughness"].default_value = 0.35
-        # No lamp: without a tree of lights, Cycles' persistent data would keep lamps of lumps that
-        # are gone, and an image depend on those before it.
+        # Not a lamp: without a light tree, Cycles' persistent data would keep the lamps of removed
+        # lumps, and an image would depend on earlier ones.
         material.cycles.emission_sampling = "NONE"
         texture = tree.nodes.new("ShaderNodeTexImage")
         tint = tree.nodes.new("ShaderNodeHueSaturation")
         tree.links.new(texture.outputs["Color"], tint.inputs["Color"])
-        # The scope's light is strong enough for steel; tissue this near would be burnt out.
+        # The scope's light is set for steel; tissue this near would be overexposed.
         dark = tree.nodes.new("ShaderNodeHueSaturation")
         dark.inputs["Value"].default_value = 0.1
         tree.links.new(tint.outputs["Color"], dark.inputs["Color"])
@@ -186,8 +184,8 @@ class TissueMaterial:
         return cls(material, texture, tint, shader.inputs["Emission Strength"])
 
     def apply(self, image: Any, tint: float) -> None:
-        """Take the colours of a Blender image, `tint` times as bright. It glows a little, as the
-        background does whatever the scope's light: else lumps far from it would be black."""
+        """Set the colours of a Blender image, `tint` times as bright. The tissue glows a little,
+        like the background; otherwise lumps far from the light would be black."""
         self._texture.image = image
         self._tint.inputs["Value"].default_value = tint
         self._glow.default_value = 0.6

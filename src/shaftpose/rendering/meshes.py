@@ -1,4 +1,4 @@
-"""Meshes as plain arrays: rods, lumps of tissue, and the box a mesh projects to."""
+"""Meshes as plain arrays: rods, lumps of tissue, and a mesh's projected outline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.geometry import Camera
+from shaftpose.core.geometry import Camera
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ _NEAR_MM = 0.1
 
 @dataclass(frozen=True)
 class Mesh:
-    """vertices: (V, 3) mm; faces: vertex indices; uv: (corners, 2), corner after corner."""
+    """vertices: (V, 3) mm; faces: vertex indices; uv: (corners, 2), in the order of faces."""
 
     vertices: Array
     faces: tuple[tuple[int, ...], ...]
@@ -40,7 +40,7 @@ def shaft_mesh(diameter_mm: float, length_mm: float) -> Mesh:
 
 
 def revolved_mesh(profile_mm: Array) -> Mesh:
-    """The closed body that a profile (P, 2) of radius and z, from the tip on, makes around z."""
+    """The closed surface of revolution about z of a profile (P, 2), radius and z from the tip."""
     angles = 2 * np.pi * np.arange(SIDES) / SIDES
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = [np.column_stack([radius * circle, np.full(SIDES, z)]) for radius, z in profile_mm]
@@ -55,7 +55,7 @@ def revolved_mesh(profile_mm: Array) -> Mesh:
 
 
 def _revolved_uv(profile_mm: Array, circle: Array) -> Array:
-    """UV of the sides unrolled and of the caps seen from above, both in mm."""
+    """UV in mm: the sides unrolled, the caps seen from above."""
     u = np.pi * 2 * profile_mm[:, 0].max() * np.arange(SIDES + 1) / SIDES
     v = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile_mm, axis=0), axis=1))])
     sides = [[(u[n], v[p]), (u[n + 1], v[p]), (u[n + 1], v[p + 1]), (u[n], v[p + 1])]
@@ -65,18 +65,18 @@ def _revolved_uv(profile_mm: Array, circle: Array) -> Array:
 
 
 def wrapped_uv(vertices: Array, faces: Sequence[tuple[int, ...]]) -> Array:
-    """UV in mm for a mesh of any shape along z: each face unrolled around the axis at its own mean
-    distance, but for faces across it, which are seen from above."""
+    """UV in mm for a mesh of any shape along z. Each face is unrolled around the axis at its mean
+    distance; faces across the axis are seen from above."""
     sizes = np.array([len(face) for face in faces])
     starts = np.cumsum(sizes) - sizes
     corners = vertices[np.fromiter(chain.from_iterable(faces), dtype=np.int64)]
     following = np.arange(1, len(corners) + 1)
     following[starts + sizes - 1] = starts
-    # Newell's formula: normals of faces of any number of corners.
+    # Newell's formula: normals of faces with any number of corners.
     normals = np.add.reduceat(np.cross(corners, corners[following]), starts)
     across = np.abs(normals[:, 2]) > 0.7 * np.linalg.norm(normals, axis=1)
     angles = np.arctan2(corners[:, 1], corners[:, 0])
-    # A face on the seam, at half a turn, shall not span the whole way round.
+    # A face on the seam, at half a turn, must not span the whole circumference.
     first = np.repeat(angles[starts], sizes)
     angles = first + (angles - first + np.pi) % (2 * np.pi) - np.pi
     radii = np.add.reduceat(np.hypot(corners[:, 0], corners[:, 1]), starts) / sizes
@@ -85,7 +85,7 @@ def wrapped_uv(vertices: Array, faces: Sequence[tuple[int, ...]]) -> Array:
 
 
 def lump_mesh(radii_mm: tuple[float, float, float], shape_seed: int) -> Mesh:
-    """An ellipsoid with a smoothly uneven surface around the origin."""
+    """An ellipsoid around the origin with a smoothly uneven surface."""
     rows, columns = 16, 24
     polar = np.linspace(0, np.pi, rows + 1)[:, None]
     azimuth = 2 * np.pi * np.arange(columns)[None] / columns
@@ -103,7 +103,7 @@ def lump_mesh(radii_mm: tuple[float, float, float], shape_seed: int) -> Mesh:
 
 
 def _unevenness(unit: Array, shape_seed: int) -> Array:
-    """Radial factor around 1 of points (..., 3) on the unit sphere: a sum of plane waves."""
+    """Radial factor around 1 for points (..., 3) on the unit sphere: a sum of plane waves."""
     rng = np.random.default_rng(shape_seed)
     waves = rng.normal(size=(8, 3)) * rng.uniform(1, 4, size=(8, 1))
     phases = rng.uniform(0, 2 * np.pi, size=8)
@@ -114,10 +114,10 @@ def _unevenness(unit: Array, shape_seed: int) -> Array:
 def projected_outline(
     camera: Camera, points_mm: Array, edges: NDArray[np.int64]
 ) -> NDArray[np.float32] | None:
-    """(N, 2) corners, px, of the convex polygon around a mesh's picture, clipped to the image.
+    """Corners (N, 2), px, of a mesh's projected convex hull, clipped to the image.
 
-    points_mm: (V, 3) in the camera frame; edges that cross the near plane are cut there, so a
-    shaft that passes beside the camera is handled. None if the mesh is out of view.
+    points_mm: (V, 3) in the camera frame; edges are clipped at the near plane, so a shaft that
+    passes next to the camera is handled. None if the mesh is out of view.
     """
     start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -130,6 +130,6 @@ def projected_outline(
     hull = cv2.convexHull(camera.project(visible).astype(np.float32))
     width, height = camera.width, camera.height
     frame = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
-    # Far corners would be drawn some pixels off: OpenCV fills polygons in whole numbers.
+    # Far corners would be drawn some pixels off: OpenCV fills polygons with integer corners.
     area, outline = cv2.intersectConvexConvex(hull, frame)
     return np.asarray(outline, dtype=np.float32).reshape(-1, 2) if area > 0 else None

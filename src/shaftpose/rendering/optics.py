@@ -1,7 +1,7 @@
-"""The lens as geometry: the cameras that a set may have, and a pinhole's picture as they see it.
+"""Lens geometry: the cameras of a set, and the mapping of a pinhole image to them.
 
-Blender renders with a pinhole camera. Distortion and a round field of view are laid over its
-picture; colours and masks move alike. The background is a photo and stays as it is.
+Blender renders with a pinhole camera. Distortion and a circular field of view are applied to its
+image, to colours and masks alike. The background is a photo and stays unchanged.
 """
 
 from dataclasses import replace
@@ -11,31 +11,31 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
+from shaftpose.core.geometry import Camera
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera
+from shaftpose.settings.parts import RenderSettings
 
 
 def camera_with(settings: RenderSettings, k1: float, k2: float) -> Camera:
-    """The camera of a set's image whose distortion is `k1`, `k2`."""
+    """The camera of the settings with the distortion `k1`, `k2`."""
     size_px = settings.camera.size_px
     plain = Camera.from_field_of_view(size_px, size_px, settings.camera.view_deg)
     return replace(plain, k1=k1, k2=k2, field_px=settings.lens.field_px)
 
 
 def middle_camera(settings: RenderSettings) -> Camera:
-    """The camera in the middle of the settings' ranges, for images that do not state their own."""
+    """The camera at the middle of the settings' ranges, for images that do not state a camera."""
     distortion = settings.lens.distortion
     return camera_with(settings, sum(distortion.k1) / 2, sum(distortion.k2) / 2)
 
 
 def pinhole_behind(settings: RenderSettings) -> Camera:
-    """The pinhole camera to render with: the focal length of the settings' camera, and large
-    enough for every distortion within their ranges.
+    """The pinhole camera to render with: the settings' focal length, and an image large enough for
+    every distortion within their ranges.
 
-    Raises InputError if a distortion is so strong that it leaves part of the image empty.
+    Raises InputError if a distortion is so strong that part of the image stays empty.
     """
-    # The lower k1 and k2, the farther out lies what is seen in a corner.
+    # The lower k1 and k2, the farther out a corner's ray points.
     (k1, _), (k2, _) = settings.lens.distortion.k1, settings.lens.distortion.k2
     shown = np.isfinite(camera_with(settings, 0.0, 0.0).rays()[..., 0])
     rays = camera_with(settings, k1, k2).rays()[shown]
@@ -48,7 +48,7 @@ def pinhole_behind(settings: RenderSettings) -> Camera:
     plain = Camera.from_field_of_view(
         settings.camera.size_px, settings.camera.size_px, settings.camera.view_deg
     )
-    # From the principal point to the farthest pixel's outer edge; 1e-6 px is for rounding.
+    # From the principal point to the farthest pixel's outer edge; 1e-6 px absorbs rounding.
     reach_px = plain.focal_px * float(np.abs(rays[:, :2]).max()) + 0.5 - 1e-6
     return _with_margin(plain, max(0, ceil(reach_px - plain.width / 2)))
 
@@ -66,12 +66,12 @@ def _with_margin(camera: Camera, margin_px: int) -> Camera:
 def seen_by(
     camera: Camera, pinhole: Camera, linear: NDArray[np.float32], index: NDArray[np.int64]
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """What `camera` sees of a pinhole's whole picture.
+    """Map a pinhole's whole image to `camera`.
 
     linear: (H, W, 4) colours, interpolated; index: (H, W) object numbers up to 32,767, of the
-    nearest pixel. Both are 0 where the camera shows nothing.
+    nearest pixel. Both are 0 outside the camera's field of view.
     """
-    # OpenCV numbers pixels by their centres, from 0. -9 lies outside, as what is not shown shall.
+    # OpenCV counts from the first pixel's centre. -9 is outside the image, so it maps to 0.
     source = np.nan_to_num(pinhole.project(camera.rays()) - 0.5, nan=-9.0).astype(np.float32)
     u, v = source[..., 0], source[..., 1]
     colours = cv2.remap(linear, u, v, cv2.INTER_LINEAR)

@@ -1,7 +1,7 @@
-"""Sampling of shaft poses: uniform over the table's ranges, kept if they can be seen.
+"""Sampling of shaft poses: uniform over the ranges of the paper's table, kept if visible.
 
-A pose is drawn again if its tip projects outside the image, if too little of it is visible, if it
-cuts the lens or if it cuts another shaft (paper, Table of ranges; the rest is this project's).
+A pose is drawn again if its tip projects outside the image, if too little of it is visible, or if
+it intersects the lens or another shaft (paper, Table of ranges; the rest is this project's).
 """
 
 from collections import Counter
@@ -10,9 +10,7 @@ from enum import Enum
 
 import numpy as np
 
-from shaftpose.config import PoseRanges, SceneSettings, ShaftSettings
-from shaftpose.errors import InputError
-from shaftpose.geometry import (
+from shaftpose.core.geometry import (
     Camera,
     ShaftPose,
     crossed_share,
@@ -20,15 +18,17 @@ from shaftpose.geometry import (
     is_crossed,
     segment_distance,
 )
+from shaftpose.errors import InputError
+from shaftpose.settings.parts import PoseRanges, SceneSettings, ShaftSettings
 
 MOST_TRIES = 10_000
-# Visibility is judged on every fourth pixel in each direction: exact enough for a threshold.
+# Visibility is checked on every fourth pixel in each direction: accurate enough for a threshold.
 _STRIDE = 4
 _CROSSING_TRIES = 200
 
 
 class Refusal(Enum):
-    """Why poses are drawn again, and the settings of params.yaml that decide it."""
+    """Reasons to reject poses, and the settings of params.yaml that decide it."""
 
     TIP = "a tip outside the image (poses.x_mm, poses.y_mm, poses.z_mm, camera.view_deg, lens)"
     LENS = "a shaft that cuts the lens (scene.lens_radius_mm, poses.z_mm, poses.pitch_deg, shaft)"
@@ -38,7 +38,7 @@ class Refusal(Enum):
 
 @dataclass(frozen=True)
 class SampledPoses:
-    """Poses of one image and the number of draws they took (for the acceptance rate)."""
+    """Poses of one image and the number of shafts drawn for them (for the acceptance rate)."""
 
     poses: tuple[ShaftPose, ...]
     tries: int
@@ -56,7 +56,7 @@ class PoseSampler:
     def __call__(self, rng: np.random.Generator) -> SampledPoses:
         """Poses of all shafts of one image.
 
-        Raises InputError after a bounded number of draws, naming what refused them.
+        Raises InputError with the reasons after `MOST_TRIES` rejected draws.
         """
         fewest, most = self.scene.instruments
         count = int(rng.integers(fewest, most + 1))
@@ -74,8 +74,8 @@ class PoseSampler:
         )
 
     def crossing(self, rng: np.random.Generator, poses: tuple[ShaftPose, ...]) -> ShaftPose | None:
-        """A further shaft that passes before one of `poses` and hides as much of it as it shall,
-        all being acceptable together; None if none is found in a bounded number of draws."""
+        """A further shaft that crosses in front of one of `poses` and hides the required share of
+        it, all acceptable together; None if `_CROSSING_TRIES` draws find none."""
         behind = np.stack([self._depth(pose) for pose in poses])
         for _ in range(_CROSSING_TRIES):
             pose = self._draw(rng)
@@ -87,7 +87,7 @@ class PoseSampler:
         return ShaftPose.from_array(rng.uniform(self.ranges.low, self.ranges.high))
 
     def _refusal(self, poses: list[ShaftPose]) -> Refusal | None:
-        """The first reason to refuse the poses of an image; None if they are acceptable."""
+        """The first reason to reject the poses of an image; None if they are acceptable."""
         if not all(map(self._tip_in_view, poses)):
             return Refusal.TIP
         if not all(map(self._clear_of_lens, poses)):
@@ -123,7 +123,7 @@ class PoseSampler:
         return min(seen) * _STRIDE**2 >= self.scene.min_visible_px
 
     def _crosses(self, pose: ShaftPose, behind: np.ndarray) -> bool:
-        """Whether a shaft hides as much as it shall of others, whose depths (N, h, w) are known."""
+        """Whether a shaft hides the required share of others with the depths (N, h, w)."""
         depth = self._depth(pose)
         shares = [crossed_share(depth < other, [np.isfinite(other)]) for other in behind]
         return is_crossed(max(shares), self.scene.crossing_coverage)

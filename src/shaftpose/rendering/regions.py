@@ -1,7 +1,7 @@
-"""Which rectangles of the picture Blender renders: those around a diagonal shaft are mostly empty.
+"""Rectangles of the image that Blender renders: one around a diagonal shaft is mostly empty.
 
-A render costs some milliseconds of its own, and every pixel some more, an empty one, too. So a
-rectangle is cut in two where that saves more pixels than one more render costs.
+Each render has a fixed cost, and each pixel costs time, even an empty one. A rectangle is therefore
+split where that saves more pixels than one more render costs.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.geometry import mask_box
+from shaftpose.core.geometry import mask_box
 
 Mask = NDArray[np.bool_]
 
@@ -31,15 +31,15 @@ class Region:
 
 
 def cover(mask: Mask, render_px: float) -> list[Region]:
-    """Rectangles that do not overlap and hold all pixels of `mask` (H, W).
+    """Disjoint rectangles that cover all pixels of `mask` (H, W).
 
-    render_px: how many pixels cost as much as one more render.
+    render_px: the cost of one more render, in pixels.
     """
     return list(_cover(mask, render_px, 0, 0))
 
 
 def _cover(mask: Mask, render_px: float, left: int, top: int) -> Iterator[Region]:
-    """The rectangles of a part of the image that begins at (left, top)."""
+    """The rectangles of a part of the image whose corner is (left, top)."""
     if not mask.any():
         return
     x0, y0, x1, y1 = mask_box(mask)
@@ -57,8 +57,8 @@ def _cover(mask: Mask, render_px: float, left: int, top: int) -> Iterator[Region
 
 
 def _best_cut(mask: Mask) -> tuple[int, int]:
-    """The least area of two rectangles, side by side, that hold a mask (h, w), and the column at
-    which the second one begins."""
+    """The smallest area of two rectangles, left and right, that cover a mask (h, w), and the
+    column at which the second one starts."""
     height, width = mask.shape
     if width < 2:
         return mask.size, 0
@@ -73,6 +73,6 @@ def _best_cut(mask: Mask) -> tuple[int, int]:
 
 
 def _heights(first: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of the rectangles around the columns up to each one, 0 where there is nothing in them."""
+    """Heights of the rectangles around all columns up to each one; 0 where they are empty."""
     heights = np.maximum.accumulate(end) - np.minimum.accumulate(first)
     return np.maximum(heights, 0)

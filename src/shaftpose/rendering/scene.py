@@ -1,8 +1,8 @@
-"""What one image shows, described apart from the renderer; sampled from one generator.
+"""The scene of one image, independent of the renderer, and its sampling.
 
-Image k of a dataset is drawn from `SeedSequence([dataset_seed, k])` and from nothing else. What the
-paper's setting lacks has children of that sequence of its own: such an option leaves the rest of
-the image as it is.
+Image k of a dataset is drawn only from `SeedSequence([dataset_seed, k])`. Options beyond the
+paper's setting use spawned children of that sequence, so they leave the rest of the image
+unchanged.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,17 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from shaftpose.config import (
-    LensSettings,
-    Range,
-    RenderSettings,
-    SceneSettings,
-)
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.errors import InputError
-from shaftpose.geometry import Camera, ShaftPose
 from shaftpose.rendering.optics import camera_with
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
 from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
+from shaftpose.settings.parts import LensSettings, Range, RenderSettings, SceneSettings
 
 _MOST_REDRAWS = 100
 
@@ -35,23 +30,23 @@ class Steel:
     grey: float
     roughness: float
     scratches: float
-    grain: float  # how densely the scratches lie along the shaft
+    grain: float  # density of the scratches along the shaft
     anisotropy: float = 0.0
 
 
 @dataclass(frozen=True)
 class Film:
-    """Blood, else clear fluid, on `coverage` of one shaft's surface."""
+    """Blood or clear fluid on a share `coverage` of one shaft's surface."""
 
     blood: bool
     coverage: float
-    pattern_mm: tuple[float, float, float]  # where in the pattern of drops the shaft lies
+    pattern_mm: tuple[float, float, float]  # offset of the shaft in the pattern of drops
 
 
 @dataclass(frozen=True)
 class Light:
-    """The scope's light: radiant power in W and colour temperature in K; ambient is the
-    brightness of the surroundings as the metal sees them (1 = as photographed)."""
+    """The scope's light: radiant power in W, colour temperature in K, and `ambient`, the
+    brightness of the surroundings reflected by metal (1 = as photographed)."""
 
     strength: float
     kelvin: float
@@ -65,13 +60,13 @@ class Occluder:
     centre_mm: tuple[float, float, float]
     radii_mm: tuple[float, float, float]
     turn_deg: float
-    tint: float  # brightness of its surface, 1 is the background's
+    tint: float  # brightness of its surface relative to the background
     shape_seed: int
 
 
 @dataclass(frozen=True)
 class Lens:
-    """What lens, air and sensor do to the finished image; see `LensSettings`."""
+    """Effects of lens, air and sensor on the finished image; see `LensSettings`."""
 
     blur_px: float
     haze: float
@@ -83,8 +78,8 @@ class Lens:
 
 @dataclass(frozen=True)
 class Scene:
-    """One image; `rolls_deg` turn shafts about their own axes, where that can be seen; `tries` is
-    how many shafts the pose sampler drew for it, without any that cross."""
+    """One image. rolls_deg: rolls of the shafts about their axes, where visible; tries: number of
+    shafts that the pose sampler drew, without crossing ones."""
 
     background: Path
     camera: Camera
@@ -96,13 +91,13 @@ class Scene:
     lens: Lens
     sensor_seed: int
     tries: int
-    films: tuple[Film, ...] = ()  # one a shaft, or none at all
+    films: tuple[Film, ...] = ()  # one per shaft, or none at all
     contact_shadow: float = 0.0
-    crossing: int = 0  # how many of the shafts, the last ones, pass before another by choice
+    crossing: int = 0  # number of shafts, the last ones, sampled to cross in front of another
 
     def facts(self) -> dict[str, Any]:
-        """All but poses, background and camera as plain values, for shaft.json; options that are
-        off are left out."""
+        """Everything except poses, background and camera as plain values, for shaft.json; options
+        that are off are omitted."""
         facts: dict[str, Any] = {
             "light": _stated(self.light),
             "steels": [_stated(steel) for steel in self.steels],
@@ -120,7 +115,7 @@ class Scene:
 
 
 def _stated(part: Any) -> dict[str, Any]:
-    """A part of a scene as plain values, without those that are the default."""
+    """A part of a scene as plain values, without defaults."""
     values = {field: getattr(part, field.name) for field in fields(part)}
     return {
         f.name: value for f, value in values.items() if f.default is MISSING or value != f.default
@@ -129,7 +124,7 @@ def _stated(part: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Draws:
-    """The generators of one image: `paper` for what the paper's setting has, else one a subject."""
+    """The random generators of one image: `paper` for the paper's setting, and one per option."""
 
     paper: np.random.Generator
     camera: np.random.Generator
@@ -155,11 +150,11 @@ class SceneSampler:
     seed: int
 
     def candidates(self, index: int) -> Iterator[Scene]:
-        """Successive draws for image `index`, for whoever must refuse some of them; `tries` of
-        each counts those of the earlier ones, too.
+        """Successive draws for image `index`, for a caller that may reject some; `tries` is
+        cumulative.
 
-        All have the numbers of shafts and occluders of the first: scenes that are refused more
-        often than others would else become rare.
+        All have as many shafts and occluders as the first: otherwise scenes that are rejected more
+        often would become rare.
         """
         draws = _Draws.of_image(self.seed, index)
         first = scene = self._draw(draws)
@@ -206,9 +201,10 @@ class SceneSampler:
     def _sample_poses(
         self, draws: _Draws, sampler: PoseSampler
     ) -> tuple[SampledPoses, tuple[ShaftPose, ...]]:
-        """The image's shafts and, with the settings' probability, one that crosses before them.
+        """The image's shafts and, with the settings' probability, one that crosses in front of
+        them; never in an image without shafts.
 
-        An image without shafts has nothing to cross. Raises InputError if no shaft crosses.
+        Raises InputError if no crossing shaft is found.
         """
         wanted = draws.crossing.random() < self.settings.scene.crossing_probability
         tries = 0
@@ -222,9 +218,9 @@ class SceneSampler:
             if crossing is not None:
                 return sampled, (crossing,)
         raise InputError(
-            "params.yaml: scene.crossing_probability: within `poses` no shaft was found that "
-            f"passes before one of {_MOST_REDRAWS} others and hides scene.crossing_coverage of it; "
-            "widen the ranges, or set it to 0"
+            "params.yaml: scene.crossing_probability: no shaft within `poses` was found that "
+            f"crosses one of {_MOST_REDRAWS} others and hides scene.crossing_coverage of it; widen "
+            "the ranges, or set it to 0"
         )
 
 
@@ -254,7 +250,7 @@ def sample_turning(rng: np.random.Generator, scene: SceneSettings) -> tuple[floa
 
 
 def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) -> tuple[Film, ...]:
-    """A film for each shaft, of blood or of fluid, unless the settings have none."""
+    """A film of blood or clear fluid for each shaft, unless the settings have none."""
     if not scene.films[1]:
         return ()
     return tuple(
@@ -277,8 +273,8 @@ def sample_light(rng: np.random.Generator, scene: SceneSettings) -> Light:
 
 
 def sample_lens(rng: np.random.Generator, further: np.random.Generator, lens: LensSettings) -> Lens:
-    """Effects of lens, air and sensor within the settings' ranges; motion and the recorder's
-    compression are drawn from `further`."""
+    """Effects of lens, air and sensor within the settings' ranges; motion and JPEG compression are
+    drawn from `further`."""
     way_px, angle = _uniform(further, lens.motion_px), float(further.uniform(0, np.pi))
     quality = lens.jpeg_quality
     return Lens(
@@ -296,10 +292,10 @@ def sample_occluders(
     poses: Sequence[ShaftPose],
     settings: RenderSettings,
 ) -> tuple[Occluder, ...]:
-    """With the settings' probability one lump of tissue before each shaft, else none."""
+    """With the settings' probability one lump of tissue in front of each shaft, else none."""
     if rng.random() >= settings.scene.occluder_probability:
         return ()
-    # Of a bulky mesh the rod around it is far thicker than what is to be hidden.
+    # The rod around a bulky mesh is far thicker than the part to hide.
     thickness_mm = min(settings.shaft.diameter_mm, instrument_shape(settings.shaft).diameter_mm)
     return tuple(_occluder_before(rng, pose, thickness_mm) for pose in poses)
 
@@ -308,7 +304,7 @@ def _occluder_before(rng: np.random.Generator, pose: ShaftPose, thickness_mm: fl
     """A lump on the line of sight to a point within 15 mm of the tip."""
     hidden = pose.tip_mm + float(rng.uniform(-1, 15)) * pose.direction
     hidden[2] = max(hidden[2], 4.0)
-    # 55..75 % of the way to the shaft: before it, but for a few large lumps that reach it.
+    # 55..75 % of the way to the shaft: in front of it, except a few large lumps that reach it.
     share = float(rng.uniform(0.55, 0.75))
     centre = share * hidden
     room = np.linalg.norm(hidden - centre) - thickness_mm / 2

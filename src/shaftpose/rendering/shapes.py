@@ -1,4 +1,4 @@
-"""Which body the instrument has: a rod with one of four tips, or the user's CAD file."""
+"""The instrument's body: a rod with one of four tips, or the user's CAD file."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import ShaftSettings
 from shaftpose.rendering.cad import cad_mesh
 from shaftpose.rendering.meshes import Mesh, revolved_mesh, shaft_mesh, wrapped_uv
+from shaftpose.settings.parts import ShaftSettings
 
 Array = NDArray[np.float64]
 
 _ROUNDING_STEPS = 12
-_JAW_SIDES = 24  # of the half circle that is a jaw's section
+_JAW_SIDES = 24  # of the half circle that is a jaw's cross-section
 _JAW_LENGTH = 3.0  # in diameters of the shaft
 _JAW_END = 0.4  # a jaw's width at its end, relative to that at its hinge
 
@@ -22,8 +22,8 @@ _JAW_END = 0.4  # a jaw's width at its end, relative to that at its hinge
 class Shape:
     """The instrument's body in the shaft frame.
 
-    diameter_mm, length_mm: of the rod around the frame's z axis, from its origin on, that holds the
-    mesh; is_rod: whether it is that rod; revolved: whether a roll about the axis cannot be seen.
+    diameter_mm, length_mm: of the smallest rod from the origin along z that contains the mesh;
+    is_rod: whether the mesh is that rod; revolved: whether it is rotationally symmetric.
     """
 
     mesh: Mesh
@@ -35,7 +35,7 @@ class Shape:
 
 @cache
 def instrument_shape(shaft: ShaftSettings) -> Shape:
-    """The body that the settings describe. Raises InputError if its CAD file cannot be used."""
+    """The body described by the settings. Raises InputError if its CAD file cannot be used."""
     if shaft.cad is not None:
         return _any_shape(cad_mesh(shaft.cad))
     if shaft.tip == "forceps":
@@ -48,7 +48,7 @@ def instrument_shape(shaft: ShaftSettings) -> Shape:
 
 
 def surrounding_rod(shaft: ShaftSettings) -> ShaftSettings:
-    """The plain rod that holds the instrument, whatever its shape: what poses are drawn with."""
+    """The plain rod around an instrument of any shape, used to sample poses."""
     shape = instrument_shape(shaft)
     size = {"diameter_mm": shape.diameter_mm, "length_mm": shape.length_mm}
     return replace(shaft, tip="flat", cad=None, **size)
@@ -61,7 +61,7 @@ def _any_shape(mesh: Mesh) -> Shape:
 
 
 def _bevelled_profile(shaft: ShaftSettings) -> Array:
-    """Radius and z (P, 2), from the tip on, of a chamfered or rounded rod."""
+    """Radius and z (P, 2), from the tip, of a chamfered or rounded rod."""
     radius, bevel = shaft.diameter_mm / 2, shaft.bevel_mm
     steps = 1 if shaft.tip == "chamfered" else _ROUNDING_STEPS
     angles = np.linspace(0, np.pi / 2, steps + 1)
@@ -73,7 +73,7 @@ def forceps_mesh(diameter_mm: float, length_mm: float, jaw_angle_deg: float) -> 
     """A rod that ends in two half-round jaws, opened by `jaw_angle_deg` in the y-z plane."""
     half = np.radians(jaw_angle_deg) / 2
     upper, faces = _jaw(diameter_mm / 2, _JAW_LENGTH * diameter_mm)
-    # A turn about the hinge, which is the x axis; z points to the handle, the jaw to -z.
+    # A rotation about the hinge, the x axis; z points to the handle, the jaw to -z.
     upper = upper @ np.array([[1, 0, 0], [0, np.cos(half), np.sin(half)],
                               [0, -np.sin(half), np.cos(half)]])  # fmt: skip
     lower = upper * [-1, -1, 1]  # half a turn about z

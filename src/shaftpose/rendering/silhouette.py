@@ -9,22 +9,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.config import RenderSettings
-from shaftpose.geometry import Camera, ShaftPose
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.blender import Renderer
+from shaftpose.settings.parts import RenderSettings
 
 
 class SilhouetteRenderer:
     """Renders masks of shafts; only one may exist per process, as Blender has one open file."""
 
     def __init__(self, settings: RenderSettings) -> None:
-        # The mask is exact at one sample: it comes from the object index, not from colours.
+        # The mask is exact at one sample: it is the object index, not a colour.
         with blender_output_hidden():
             self._renderer = Renderer(replace(settings, samples=1))
 
     def __call__(self, poses: NDArray[np.float64], camera: Camera) -> list[NDArray[np.bool_]]:
-        """A mask (H, W) of what `camera` sees for each of the poses (N, 5); nearer shafts hide
-        farther ones. An instrument on which a roll shows has the roll 0."""
+        """The visible mask (H, W) in `camera` for each of the poses (N, 5); nearer shafts hide
+        farther ones. The roll is 0 for instruments without rotational symmetry."""
         shafts: Sequence[ShaftPose] = [ShaftPose.from_array(pose) for pose in poses]
         with blender_output_hidden():
             index = self._renderer.silhouettes(shafts, camera)
@@ -33,7 +33,7 @@ class SilhouetteRenderer:
 
 @contextmanager
 def blender_output_hidden() -> Iterator[None]:
-    """Silence Blender, which writes its progress to the process's standard output."""
+    """Silence Blender, which writes its progress to standard output."""
     sys.stdout.flush()
     original, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)

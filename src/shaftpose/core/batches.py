@@ -1,0 +1,28 @@
+"""Training batches: images and the instruments in them."""
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+
+class Targets(NamedTuple):
+    """The instruments of a batch, padded to G per image.
+
+    boxes: (B, G, 4) float `x0, y0, x1, y1` in units of the image's side; poses: (B, G, 5) float mm
+    and deg; valid: (B, G) bool, False for padding; has_pose: (B,) bool, False for real images;
+    instances: (B, H, W) uint8, instrument number of each pixel, from 1, or 0 for background; None
+    if the network does not learn masks.
+    """
+
+    boxes: Tensor
+    poses: Tensor
+    valid: Tensor
+    has_pose: Tensor
+    instances: Tensor | None = None
+
+
+class Batch(NamedTuple):
+    """images: (B, 299, 299, 3) uint8 RGB, and their targets."""
+
+    images: Tensor
+    targets: Targets

@@ -1,0 +1,295 @@
+"""Camera and shaft geometry: poses, projection and the exact silhouette of a cylinder.
+
+Camera frame (OpenCV): x right, y down, z forward, mm. A pixel's centre lies at integer + 0.5.
+Shaft frame: origin at the centre of the distal tip, +z from the tip towards the handle.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera with square pixels; `focal_px`, `cx`, `cy` and `field_px` in pixels.
+
+    k1, k2: OpenCV's radial distortion, which moves a point at distance r f from the principal
+    point to r (1 + k1 r^2 + k2 r^4) f; a pinhole if both are 0. field_px: diameter of a circular
+    field of view around the principal point; None: the whole image is visible.
+    """
+
+    width: int
+    height: int
+    focal_px: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    field_px: float | None = None
+
+    @classmethod
+    def from_field_of_view(cls, width: int, height: int, view_deg: float) -> "Camera":
+        """A centred pinhole camera with the horizontal field of view `view_deg` (paper, II)."""
+        focal_px = width / (2 * np.tan(np.radians(view_deg) / 2))
+        return cls(width, height, float(focal_px), width / 2, height / 2)
+
+    @property
+    def matrix(self) -> Array:
+        """The (3, 3) intrinsic matrix K."""
+        return np.array([[self.focal_px, 0, self.cx], [0, self.focal_px, self.cy], [0, 0, 1.0]])
+
+    def project(self, points_mm: Array) -> Array:
+        """Pixels (..., 2) of camera-frame points (..., 3); u = f x / z + cx without distortion.
+
+        Points beyond the largest valid radius of a distortion are clamped to it.
+        """
+        offsets = self.focal_px * points_mm[..., :2] / points_mm[..., 2:]
+        if self.k1 or self.k2:
+            radius = np.linalg.norm(offsets, axis=-1, keepdims=True) / self.focal_px
+            followed = np.minimum(radius, self._rim)
+            offsets = offsets * _ratio(self._distorted(followed), radius)
+        return offsets + np.array([self.cx, self.cy])
+
+    def rays(self, stride: int = 1) -> Array:
+        """Directions (h, w, 3), with z = 1, through the centres of blocks of
+        `stride` x `stride` pixels; x and y are NaN outside the field of view. Read-only."""
+        return _rays(self, stride)
+
+    def shows(self, pixels: Array) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) lie in the image, and in its circular field if it has one."""
+        size, centre = np.array([self.width, self.height]), np.array([self.cx, self.cy])
+        inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < size), axis=-1)
+        if self.field_px is not None:
+            inside &= np.linalg.norm(pixels - centre, axis=-1) <= self.field_px / 2
+        return inside
+
+    def _distorted(self, radius: Array) -> Array:
+        return radius * (1 + self.k1 * radius**2 + self.k2 * radius**4)
+
+    def _undistorted(self, seen: Array) -> Array:
+        """Inverse of `_distorted`, from a table exact to 0.001 px; NaN beyond the table."""
+        radius = np.linspace(0, self._rim, 2**14)
+        return np.interp(seen, self._distorted(radius), radius, right=np.nan)
+
+    @property
+    def _rim(self) -> float:
+        """The largest valid radius of the distortion: where its derivative 1 + 3 k1 r^2 + 5 k2 r^4
+        is 0 and the image would fold back, at most three times the corner's radius."""
+        far_x, far_y = max(self.cx, self.width - self.cx), max(self.cy, self.height - self.cy)
+        corner = float(np.hypot(far_x, far_y)) / self.focal_px
+        roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
+        folds = [float(root.real) ** 0.5 for root in roots if root.imag == 0 and root.real > 0]
+        return min([3 * corner, *folds])
+
+
+def _ratio(radius: Array, by: Array) -> Array:
+    """radius / by; 1 at the centre, where both are 0."""
+    return np.divide(radius, by, out=np.ones_like(by), where=by > 0)
+
+
+@lru_cache(maxsize=8)  # a set has few cameras, and every annotation needs their rays
+def _rays(camera: Camera, stride: int) -> Array:
+    u = np.arange(0, camera.width, stride) + 0.5 * stride
+    v = np.arange(0, camera.height, stride) + 0.5 * stride
+    x, y = np.meshgrid((u - camera.cx) / camera.focal_px, (v - camera.cy) / camera.focal_px)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    if camera.k1 or camera.k2:
+        seen = np.hypot(x, y)
+        rays[..., :2] *= _ratio(camera._undistorted(seen), seen)[..., None]
+    if camera.field_px is not None:
+        rays[~camera.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
+    rays.flags.writeable = False
+    return rays
+
+
+@dataclass(frozen=True)
+class ShaftPose:
+    """The 5-DoF pose of a shaft: its tip in mm and its two angles in degrees."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    pitch_deg: float
+    yaw_deg: float
+
+    @classmethod
+    def from_array(cls, pose: Array) -> "ShaftPose":
+        """From (5,): x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return cls(*(float(value) for value in pose))
+
+    def as_array(self) -> Array:
+        """(5,): x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg])
+
+    @property
+    def tip_mm(self) -> Array:
+        """(3,) the tip in the camera frame."""
+        return np.array([self.x_mm, self.y_mm, self.z_mm])
+
+    @property
+    def direction(self) -> Array:
+        """(3,) unit vector from the tip towards the handle."""
+        return axis_direction(np.array(self.pitch_deg), np.array(self.yaw_deg))
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) rotation from shaft to camera frame.
+
+        The third column is `direction`. The roll of a symmetric shaft is arbitrary: the first
+        column is the derivative of `direction` by pitch.
+        """
+        pitch, yaw = np.radians(self.pitch_deg), np.radians(self.yaw_deg)
+        x_axis = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
+        z_axis = self.direction
+        return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
+
+    def rolled(self, roll_deg: float) -> Array:
+        """(3, 3) `rotation` with a roll about the shaft's axis, for instruments without
+        rotational symmetry."""
+        if not roll_deg:
+            return self.rotation
+        c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+        return self.rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def axis_direction(pitch_deg: Array, yaw_deg: Array) -> Array:
+    """Unit vectors (..., 3) from tip to handle: (sin p cos w, sin p sin w, -cos p)."""
+    pitch, yaw = np.radians(pitch_deg), np.radians(yaw_deg)
+    components = [np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), -np.cos(pitch)]
+    return np.stack(components, axis=-1)
+
+
+def pose_from_rotation(rotation: Array, tip_mm: Array) -> ShaftPose:
+    """The pose whose axis is the third column of `rotation` (3, 3); yaw in [0, 360) deg."""
+    axis = rotation[:, 2]
+    pitch = np.degrees(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
+    # Twice: the remainder of a tiny negative angle rounds to 360.
+    yaw = np.degrees(np.arctan2(axis[1], axis[0])) % 360.0 % 360.0
+    x_mm, y_mm, z_mm = (float(value) for value in tip_mm)
+    return ShaftPose(x_mm, y_mm, z_mm, float(pitch), float(yaw))
+
+
+def cylinder_depth(
+    camera: Camera, pose: ShaftPose, diameter_mm: float, length_mm: float, stride: int = 1
+) -> Array:
+    """Depth z (h, w) in mm where the ray through a pixel's centre hits the cylinder, else infinity.
+
+    Exact intersection of each ray with the side and the two end discs. Also infinity outside the
+    field of view.
+    """
+    rays = camera.rays(stride)
+    tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2
+    depth = np.full(rays.shape[:2], np.inf)
+    near = _near_line(rays, tip, axis, 1.001 * radius)  # all other rays miss the cylinder
+    rays = rays[near]
+    nearest = np.full(len(rays), np.inf)
+    for hit in (*_side_hits(rays, tip, axis, radius, length_mm),
+                _disc_hits(rays, tip, axis, radius),
+                _disc_hits(rays, tip + length_mm * axis, axis, radius)):  # fmt: skip
+        nearest = np.where(hit > 0, np.minimum(nearest, hit), nearest)
+    depth[near] = nearest
+    return depth
+
+
+def _near_line(rays: Array, point: Array, axis: Array, reach: float) -> NDArray[np.bool_]:
+    """Whether rays (..., 3) from the origin pass a line within `reach`: two lines are
+    |r . (p x a)| / |r x a| apart. A parallel ray counts as near: |r x a| is 0 up to rounding."""
+    across = np.einsum("...i,...i", rays, rays) - (rays @ axis) ** 2
+    near: NDArray[np.bool_] = (rays @ np.cross(point, axis)) ** 2 <= reach**2 * across + 1e-6
+    return near
+
+
+def _side_hits(
+    rays: Array, tip: Array, axis: Array, radius: float, length_mm: float
+) -> tuple[Array, Array]:
+    """Ray parameters (N,) at the two crossings of the side by rays (N, 3); NaN where none."""
+    along_ray, along_tip = rays @ axis, float(tip @ axis)
+    across_ray = rays - along_ray[..., None] * axis
+    across_tip = tip - along_tip * axis
+    a = np.sum(across_ray**2, axis=-1)
+    b = across_ray @ across_tip
+    c = float(across_tip @ across_tip) - radius**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(b**2 - a * c)
+        near, far = (b - root) / a, (b + root) / a
+        return (
+            _within(near, along_ray * near - along_tip, length_mm),
+            _within(far, along_ray * far - along_tip, length_mm),
+        )
+
+
+def _within(hits: Array, height: Array, length_mm: float) -> Array:
+    return np.where((height >= 0) & (height <= length_mm), hits, np.nan)
+
+
+def _disc_hits(rays: Array, centre: Array, normal: Array, radius: float) -> Array:
+    """Ray parameters (N,) at the crossing of a disc by rays (N, 3); NaN where none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        hits = float(centre @ normal) / (rays @ normal)
+        distance = np.linalg.norm(hits[..., None] * rays - centre, axis=-1)
+    return np.where(distance <= radius, hits, np.nan)
+
+
+def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Bounding box x0, y0, x1, y1 of a mask (pixel edges: x1 and y1 are exclusive).
+
+    Raises ValueError if the mask is empty.
+    """
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    if not len(columns):
+        raise ValueError("an empty mask has no box")
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]]) -> float:
+    """The largest share of a mask in `others` that the mask `front` (H, W) covers; 0 if there
+    are no others."""
+    return max(
+        (int((front & other).sum()) / int(other.sum()) for other in others if other.any()),
+        default=0.0,
+    )
+
+
+def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
+    """Whether a shaft with this share hidden counts as crossed by `crossing_coverage`."""
+    low, high = coverage
+    return share > 0 and low <= share <= high
+
+
+def box_iou(a: Array, b: Array) -> Array:
+    """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
+
+    Box coordinates are pixel edges, so side lengths are plain differences; PASCAL VOC's
+    development kit adds 1 because its pixel indices are inclusive.
+    """
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    intersection = np.prod(np.clip(high - low, 0.0, None), axis=-1)
+    union = _box_area(a)[:, None] + _box_area(b)[None, :] - intersection
+    overlap: Array = intersection / np.where(union > 0, union, 1.0)
+    return overlap
+
+
+def _box_area(boxes: Array) -> Array:
+    area: Array = np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None), axis=-1)
+    return area
+
+
+def segment_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:
+    """Shortest distance between two segments in space (C. Ericson, Real-Time Collision
+    Detection, 5.1.9). Points are (3,); the first segment may be a single point."""
+    along_a, along_b, between = end_a - start_a, end_b - start_b, start_a - start_b
+    a, e, f = along_a @ along_a, along_b @ along_b, along_b @ between
+    b, c = along_a @ along_b, along_a @ between
+    denominator = float(a * e - b * b)
+    s = float(np.clip((b * f - c * e) / denominator, 0, 1)) if denominator > 1e-12 else 0.0
+    t = (b * s + f) / e if e > 1e-12 else 0.0
+    if not 0 <= t <= 1:
+        t = float(np.clip(t, 0, 1))
+        s = float(np.clip((b * t - c) / a, 0, 1)) if a > 1e-12 else 0.0
+    return float(np.linalg.norm(start_a + s * along_a - start_b - t * along_b))

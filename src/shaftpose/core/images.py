@@ -1,0 +1,60 @@
+"""Reading, writing and cropping images: (H, W, 3) uint8 RGB in memory, JPEG or PNG on disk."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.errors import InputError
+from shaftpose.files import new_file
+
+Image = NDArray[np.uint8]
+
+
+def decode_rgb(data: bytes) -> Image | None:
+    """An encoded image, or None if it cannot be decoded or was cut short."""
+    raw = np.frombuffer(data, dtype=np.uint8)
+    try:
+        bgr = cv2.imdecode(raw, cv2.IMREAD_COLOR) if raw.size else None
+    except cv2.error:  # the header states a size that OpenCV refuses
+        return None
+    return None if bgr is None else np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def read_rgb(path: Path) -> Image:
+    """The image in a file. Raises InputError naming the file if it is missing, unreadable or not
+    an image."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); name a readable image file"
+        ) from error
+    rgb = decode_rgb(data)
+    if rgb is None:
+        raise InputError(f"{path}: not a readable image; replace it with an intact PNG or JPEG")
+    return rgb
+
+
+def encode_jpeg(rgb: Image, quality: int) -> bytes:
+    """The bytes of a JPEG file; deterministic for the same pixels and OpenCV version."""
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return data.tobytes()
+
+
+def write_jpeg(rgb: Image, path: Path, quality: int = 95) -> None:
+    """Write an image; creates the folder if needed."""
+    with new_file(path) as part:
+        part.write_bytes(encode_jpeg(rgb, quality))
+
+
+def centre_square(image: Image, size_px: int) -> Image:
+    """The central square of an image (H, W, 3) or a mask (H, W) of 0 and 1, resized to size_px."""
+    height, width = image.shape[:2]
+    side = min(height, width)
+    top, left = (height - side) // 2, (width - side) // 2
+    square = image[top : top + side, left : left + side]
+    method = cv2.INTER_AREA if side > size_px else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=method), np.uint8)

@@ -1,0 +1,43 @@
+"""Instruments in an image: annotated (`Annotations`) or detected (`Detections`).
+
+Arrays follow the project's conventions: boxes are `x0, y0, x1, y1` in pixels of the image, poses
+are `x_mm, y_mm, z_mm, pitch_deg, yaw_deg` in the camera frame of `shaftpose.core.geometry`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
+
+
+@dataclass(frozen=True)
+class Annotations:
+    """The annotated instruments of one image.
+
+    boxes: (G, 4) float; poses: (G, 5) float, or None where poses are unknown (real images);
+    instances: (H, W), instrument number of each pixel, from 1, or 0 for background; None if not
+    requested.
+    """
+
+    boxes: NDArray[np.float64]
+    poses: NDArray[np.float64] | None
+    instances: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True)
+class Detections:
+    """The detected instruments of one image, best score first.
+
+    boxes: (K, 4) float; scores: (K,) in [0, 1]; poses: (K, 5) float.
+    """
+
+    boxes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+    def above(self, score: float) -> "Detections":
+        """Only the detections whose score is at least `score`."""
+        chosen = self.scores >= score
+        return Detections(self.boxes[chosen], self.scores[chosen], self.poses[chosen])

@@ -1,0 +1,398 @@
+"""Datasets on disk: tar shards in BOP's WebDataset form, written once and read by offset.
+
+A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
+`.mask.json` and `.mask_visib.json` (run lengths) and our own `.shaft.json`; see
+docs/data_format.md. The bytes of a shard depend on its samples alone: no time stamps, no user
+names.
+"""
+
+import io
+import json
+import os
+import socket
+import tarfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera, ShaftPose, mask_box
+from shaftpose.core.images import decode_rgb, encode_jpeg
+from shaftpose.core.instruments import Annotations
+from shaftpose.errors import InputError
+
+SHAFT_OBJECT_ID = 1
+# The members of one sample.
+SUFFIXES = (
+    "rgb.jpg",
+    "camera.json",
+    "gt.json",
+    "gt_info.json",
+    "mask.json",
+    "mask_visib.json",
+    "shaft.json",
+)
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """One shaft of one image: its visible mask and its amodal (visible and hidden) mask, (H, W)."""
+
+    pose: ShaftPose
+    mask: NDArray[np.bool_]
+    amodal_mask: NDArray[np.bool_]
+    roll_deg: float = 0.0  # about its axis, where it is visible
+
+    @property
+    def visible_fraction(self) -> float:
+        """The visible share of its pixels."""
+        return int(self.mask.sum()) / int(self.amodal_mask.sum())
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One image with its annotations; `rgb` is (H, W, 3) uint8."""
+
+    key: str
+    rgb: NDArray[np.uint8]
+    instruments: tuple[Instrument, ...]
+    camera: Camera
+    facts: Mapping[str, Any]  # background, light, seeds: the free part of shaft.json
+
+
+def sample_key(index: int) -> str:
+    """The key of image `index`: nine digits, so that keys sort numerically."""
+    return f"{index:09d}"
+
+
+def shard_name(index: int) -> str:
+    """The file name of shard `index`."""
+    return f"shard-{index:06d}.tar"
+
+
+def encode_mask(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """COCO's uncompressed run lengths of an (H, W) mask, column by column, starting with zeros."""
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    edges = np.concatenate([[0], changes, [flat.size]])
+    runs = np.diff(edges).tolist()
+    return {"counts": [0, *runs] if flat[0] else runs, "size": list(mask.shape)}
+
+
+def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Inverse of `encode_mask`: an (H, W) mask."""
+    counts = np.asarray(encoded["counts"], dtype=np.int64)
+    values = np.arange(len(counts)) % 2 == 1
+    height, width = encoded["size"]
+    return np.repeat(values, counts).reshape((width, height)).T
+
+
+class ShardWriter:
+    """Writes one shard under a temporary name; `with` renames it when it is complete.
+
+    A file under the final name is therefore always complete. The temporary name is unique to the
+    process; if two processes write the same shard, the last one wins. Temporary files left by dead
+    processes of this host are removed.
+    """
+
+    def __init__(self, path: Path, jpeg_quality: int) -> None:
+        self._path, self._quality = path, jpeg_quality
+        self._temporary = path.with_name(f"{_part_prefix(path)}{os.getpid()}.part")
+
+    def __enter__(self) -> "ShardWriter":
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_remains(self._path)
+        self._tar = tarfile.open(self._temporary, "w", format=tarfile.USTAR_FORMAT)
+        return self
+
+    def __exit__(self, kind: object, value: object, trace: object) -> None:
+        try:
+            self._tar.close()  # also writes, so it fails on a full disk
+            if kind is None:
+                _write_through(self._temporary)
+                self._temporary.replace(self._path)
+        finally:
+            self._temporary.unlink(missing_ok=True)
+
+    def write(self, sample: Sample) -> None:
+        """Append one sample."""
+        for suffix, data in encode_sample(sample, self._quality).items():
+            member = tarfile.TarInfo(f"{sample.key}.{suffix}")
+            member.size = len(data)
+            self._tar.addfile(member, io.BytesIO(data))
+
+
+def _write_through(path: Path) -> None:
+    """Flush a file to disk; otherwise a power loss may leave zeros under its final name."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _part_prefix(path: Path) -> str:
+    """Prefix of a shard's temporary file names on this host; the process id follows."""
+    return f"{path.name}.{socket.gethostname()}."
+
+
+def _remove_remains(path: Path) -> None:
+    prefix = _part_prefix(path)
+    for part in path.parent.glob(f"{prefix}*.part"):
+        pid = part.name.removeprefix(prefix).removesuffix(".part")
+        if pid.isdecimal() and not _is_alive(int(pid)):
+            part.unlink(missing_ok=True)
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)  # signal 0 only checks
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's process
+        return True
+    return True
+
+
+def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
+    """The members of one sample, suffix -> bytes."""
+    parts: dict[str, Any] = {
+        "camera.json": _bop_camera(sample.camera),
+        "gt.json": [_bop_pose(i) for i in sample.instruments],
+        "gt_info.json": [_bop_info(i) for i in sample.instruments],
+        "mask.json": _masks([i.amodal_mask for i in sample.instruments]),
+        "mask_visib.json": _masks([i.mask for i in sample.instruments]),
+        "shaft.json": {
+            "shafts": [vars(i.pose) for i in sample.instruments],
+            **sample.facts,
+        },
+    }
+    return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
+        name: json.dumps(part).encode() for name, part in parts.items()
+    }
+
+
+def _masks(masks: Sequence[NDArray[np.bool_]]) -> dict[str, Any]:
+    return {str(n): encode_mask(mask) for n, mask in enumerate(masks)}
+
+
+def _bop_camera(camera: Camera) -> dict[str, Any]:
+    """BOP's keys, plus `distortion` and `field_px` for cameras that are not plain pinholes."""
+    about: dict[str, Any] = {"cam_K": camera.matrix.ravel().tolist(), "depth_scale": 1.0}
+    if camera.k1 or camera.k2:
+        about["distortion"] = [camera.k1, camera.k2]
+    if camera.field_px is not None:
+        about["field_px"] = camera.field_px
+    return about
+
+
+def _bop_pose(instrument: Instrument) -> dict[str, Any]:
+    return {
+        "cam_R_m2c": instrument.pose.rolled(instrument.roll_deg).ravel().tolist(),
+        "cam_t_m2c": instrument.pose.tip_mm.tolist(),
+        "obj_id": SHAFT_OBJECT_ID,
+    }
+
+
+def _bop_info(instrument: Instrument) -> dict[str, Any]:
+    pixels = int(instrument.amodal_mask.sum())
+    return {
+        "bbox_obj": _corner_and_size(mask_box(instrument.amodal_mask)),
+        "bbox_visib": _corner_and_size(mask_box(instrument.mask)),
+        "px_count_all": pixels,
+        "px_count_valid": pixels,
+        "px_count_visib": int(instrument.mask.sum()),
+        "visib_fract": instrument.visible_fraction,
+    }
+
+
+def _corner_and_size(box: tuple[int, int, int, int]) -> list[int]:
+    """A box in BOP's form: x, y, width, height."""
+    x0, y0, x1, y1 = box
+    return [x0, y0, x1 - x0, y1 - y0]
+
+
+def _corners(box: Sequence[int]) -> tuple[int, int, int, int]:
+    x, y, width, height = box
+    return x, y, x + width, y + height
+
+
+@dataclass(frozen=True)
+class Location:
+    """Byte range of one member: `size` bytes at `offset` of `path`."""
+
+    path: Path
+    offset: int
+    size: int
+
+    def read(self) -> bytes:
+        """The bytes. Opens the file each time, so processes can exchange locations."""
+        with self.path.open("rb") as file:
+            file.seek(self.offset)
+            return file.read(self.size)
+
+
+class ShardedDataset:
+    """Random access to the samples of a folder of shards without unpacking them.
+
+    Raises InputError naming the files if the folder holds no shard, a shard is damaged or two
+    shards hold the same image.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._members: dict[str, dict[str, Location]] = {}
+        for path in shard_paths(folder):
+            self._index(path)
+
+    def _index(self, path: Path) -> None:
+        for name, location in _read_index(path).items():
+            key, _, suffix = name.partition(".")
+            members = self._members.setdefault(key, {})
+            for other in members.values():
+                if other.path != path:
+                    raise InputError(
+                        f"{path}: image {key} is also in {other.path}; remove one of the shards"
+                    )
+            members[suffix] = location
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys of all samples, ascending."""
+        return sorted(self._members)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def rgb(self, key: str) -> NDArray[np.uint8]:
+        """The image (H, W, 3) uint8. Raises InputError naming shard and key if it is damaged."""
+        path, data = self._read(key, "rgb.jpg")
+        image = decode_rgb(data)
+        if image is None:
+            raise InputError(f"{path}: image {key} is damaged; {render_anew([path])}")
+        return image
+
+    def annotations(self, key: str) -> Annotations:
+        """Visible boxes and poses of one image; decodes neither image nor masks."""
+        facts, infos = self.facts(key), self._json(key, "gt_info.json")
+        try:
+            poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
+            boxes = [_corners(info["bbox_visib"]) for info in infos]
+        except (KeyError, TypeError, ValueError) as error:
+            path = self._location(key, "gt_info.json").path
+            message = f"{path}: the annotations of {key} are damaged; {render_anew([path])}"
+            raise InputError(message) from error
+        return Annotations(
+            np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
+        )
+
+    def camera(self, key: str) -> Camera:
+        """The camera of one image."""
+        about = self._json(key, "camera.json")
+        height, width = self.rgb(key).shape[:2]
+        focal_px, _, cx, _, _, cy, *_ = about["cam_K"]
+        k1, k2 = about.get("distortion", (0.0, 0.0))
+        return Camera(width, height, focal_px, cx, cy, k1, k2, about.get("field_px"))
+
+    def masks(self, key: str) -> list[NDArray[np.bool_]]:
+        """The visible mask (H, W) of each instrument of one image."""
+        encoded = self._json(key, "mask_visib.json")
+        return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
+
+    def visible_fractions(self, key: str) -> list[float]:
+        """The visible share of each instrument of one image."""
+        return [float(info["visib_fract"]) for info in self._json(key, "gt_info.json")]
+
+    def facts(self, key: str) -> dict[str, Any]:
+        """The content of shaft.json."""
+        facts: dict[str, Any] = self._json(key, "shaft.json")
+        return facts
+
+    def _json(self, key: str, suffix: str) -> Any:
+        path, data = self._read(key, suffix)
+        try:
+            return json.loads(data)
+        except ValueError as error:
+            message = f"{path}: {key}.{suffix} is damaged; {render_anew([path])}"
+            raise InputError(message) from error
+
+    def _read(self, key: str, suffix: str) -> tuple[Path, bytes]:
+        """The shard and the bytes of a member. Raises InputError if the shard is gone."""
+        location = self._location(key, suffix)
+        path = location.path
+        try:
+            return path, location.read()
+        except OSError as error:
+            message = f"{path}: cannot be read ({error.strerror}); {render_anew([path])}"
+            raise InputError(message) from error
+
+    def _location(self, key: str, suffix: str) -> Location:
+        try:
+            return self._members[key][suffix]
+        except KeyError as error:
+            raise InputError(f"{self.folder}: {key}.{suffix} is missing; {_RENDER}") from error
+
+
+_RENDER = "run `dvc repro -s -f render` (for your own shards: write them again)"
+
+
+def render_anew(shards: Iterable[Path]) -> str:
+    """The remedy for complete shards with wrong content: existing shards are not rendered
+    again."""
+    names = ", ".join(sorted({shard.name for shard in shards}))
+    return f"delete {names} in all folders of data/scratch, then {_RENDER}"
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a shard's headers are intact and nothing is truncated. The members' content is not
+    checked."""
+    try:
+        _read_index(path)
+    except InputError:
+        return False
+    return True
+
+
+def holds(path: Path, keys: Iterable[str]) -> bool:
+    """Whether a shard is complete: it holds all members of the samples `keys`, and no others."""
+    try:
+        names = _read_index(path).keys()
+    except InputError:
+        return False
+    return names == {f"{key}.{suffix}" for key in keys for suffix in SUFFIXES}
+
+
+def _read_index(path: Path) -> dict[str, Location]:
+    """Location of each member of a shard, by name. Raises InputError if the shard is damaged."""
+    try:
+        with tarfile.open(path, "r:") as tar:
+            members = {m.name: Location(path, m.offset_data, m.size) for m in tar}
+    except tarfile.TarError as error:
+        raise InputError(_damaged(path)) from error
+    if not _ends_as_written(path, max((m.offset + m.size for m in members.values()), default=0)):
+        raise InputError(_damaged(path))
+    return members
+
+
+def _ends_as_written(path: Path, end: int) -> bool:
+    """Whether only the archive's zero blocks follow the last member's `end`: tarfile stops
+    silently at a truncation or a damaged header."""
+    with path.open("rb") as file:
+        file.seek(end)
+        rest = file.read()
+    blocks = len(rest) // tarfile.BLOCKSIZE
+    return (end + len(rest)) % tarfile.RECORDSIZE == 0 and blocks >= 2 and not any(rest)
+
+
+def _damaged(path: Path) -> str:
+    return f"{path}: the shard is truncated or damaged; {_RENDER}"
+
+
+def shard_paths(folder: Path) -> list[Path]:
+    """The complete shards of a folder, in order. Raises InputError if there is none."""
+    paths = sorted(folder.glob("shard-*.tar"))
+    if not paths:
+        inner = sorted({path.parent.name for path in folder.glob("*/shard-*.tar")})
+        remedy = f"name one of its folders: {', '.join(inner)}" if inner else _RENDER
+        raise InputError(f"{folder}: no shard-*.tar in it; {remedy}")
+    return paths

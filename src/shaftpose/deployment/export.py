@@ -1,0 +1,58 @@
+"""Export of a trained network to one ONNX file, checked against the network."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.core.split_lists import read_keys
+from shaftpose.deployment.onnx_export import export_onnx, store_metadata
+from shaftpose.deployment.parity import Parity, check_parity
+from shaftpose.deployment.prediction import predict_shards
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from shaftpose.evaluation.average_precision import precision_recall
+from shaftpose.evaluation.operating_point import best_confidence
+from shaftpose.json_files import write_json
+from shaftpose.network.detector import ShaftDetector
+from shaftpose.network.pose_network import IMAGE_SIDE_PX, PoseNetwork
+from shaftpose.settings.parts import DetectionSettings, RenderSettings
+
+
+def export_model(
+    network: PoseNetwork,
+    limits: DetectionSettings,
+    rendering: RenderSettings,
+    images: NDArray[np.uint8],
+    out: Path,
+) -> Parity:
+    """Write `model.onnx` and `parity.json` to `out`.
+
+    images: (N, 299, 299, 3) uint8, to compare file and network on; rendering: settings of the
+    training images, whose camera and shaft are stored in the file. Raises InputError if file and
+    network differ.
+    """
+    detector, path = ShaftDetector(network, limits), out / "model.onnx"
+    export_onnx(detector, path, IMAGE_SIDE_PX)
+    predictor = Predictor(path)
+    parity = check_parity(detector, predictor, images, continuous=network.continuous)
+    write_json(out / "parity.json", asdict(parity))
+    if not parity.holds:
+        raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
+    store_metadata(
+        path,
+        confidence=validated_confidence(predictor),
+        view_deg=rendering.camera.view_deg,
+        # The diameter of an instrument from a CAD file is not a setting.
+        shaft_diameter_mm=None if rendering.shaft.cad else rendering.shaft.diameter_mm,
+    )
+    return parity
+
+
+def validated_confidence(predictor: Predictor) -> float:
+    """The confidence threshold with the best F1 on the validation images."""
+    shards = ShardedDataset(Path("data/render/images"))
+    found, known = predict_shards(predictor, shards, read_keys(Path("data/split"), "validation"))
+    return best_confidence(precision_recall(found, known))

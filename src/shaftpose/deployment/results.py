@@ -1,0 +1,80 @@
+"""Results of a model on the test images: metrics, figures, and values for the report."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shaftpose.core.drawing import prediction_sheet
+from shaftpose.core.figure_style import save_figure
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.deployment.prediction import predict_shards
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
+from shaftpose.evaluation.binned_errors import as_plain, binned_errors
+from shaftpose.evaluation.common_instruments import found_instruments
+from shaftpose.evaluation.metrics import Metrics, evaluate
+from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
+from shaftpose.figures.accuracy_figures import pose_error_figure, precision_recall_figure
+from shaftpose.settings.parts import PoseRanges
+
+DRAWN_IMAGES, COLUMNS = 12, 4
+
+
+class ModelResults:
+    """A model's results on images of `shards`.
+
+    confidence: the confidence threshold, which mAP ignores.
+    """
+
+    def __init__(
+        self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
+    ) -> None:
+        self.shards, self.keys, self.confidence = shards, keys, confidence
+        self.found, self.known = predict_shards(predictor, shards, keys)
+        metrics = evaluate(self.found, self.known, confidence)
+        fps = predictor.frames_per_second(shards.rgb(keys[0]))
+        self.metrics: Metrics = replace(metrics, fps=fps)
+        self.curve: PrecisionRecall = precision_recall(self.found, self.known)
+        self.errors: PoseErrors = pose_errors(self.found, self.known, confidence)
+
+    def write_figures(self, folder: Path, title: str) -> dict[str, Path]:
+        """Draw the figures: title -> file."""
+        figures = {
+            "precision and recall": folder / "precision_recall.png",
+            "pose errors": folder / "pose_errors.png",
+            "predictions": folder / "predictions.jpg",
+        }
+        save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
+        save_figure(pose_error_figure(self.errors), figures["pose errors"])
+        write_jpeg(self._sheet(), figures["predictions"], quality=88)
+        return figures
+
+    def _sheet(self) -> np.ndarray:
+        keys = self.keys[:DRAWN_IMAGES]
+        found: list[Detections] = [one.above(self.confidence) for one in self.found[: len(keys)]]
+        known: list[Annotations] = self.known[: len(keys)]
+        rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
+        return prediction_sheet(list(rgb), known, found, list(cameras), COLUMNS)
+
+    def for_report(self, ranges: PoseRanges) -> dict[str, Any]:
+        """The values for the report, as JSON holds them."""
+        fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
+        visible = np.array(fractions)
+        return {
+            "metrics": self.metrics.as_dict(),
+            "binned_errors": as_plain(binned_errors(self.errors, visible, ranges)),
+            "found": asdict(found_instruments(self.errors, len(visible))),
+            "precision_recall": {name: v.tolist() for name, v in vars(self.curve).items()},
+        }
+
+
+def read_curves(path: Path) -> list[list[Any]]:
+    """The learning curves of a training, as rows of step, name, value."""
+    with path.open(newline="") as stream:
+        return [[int(r["step"]), r["name"], float(r["value"])] for r in csv.DictReader(stream)]

@@ -1,0 +1,49 @@
+"""Comparison of a model's poses, as silhouettes, with the masks of images (paper, Table II)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from shaftpose.core.drawing import FOUND, TRUTH, contact_sheet, draw_caption, draw_masks
+from shaftpose.core.geometry import Camera
+from shaftpose.core.images import Image, write_jpeg
+from shaftpose.dataset.silhouette_sets import MaskedImage
+from shaftpose.deployment.prediction import predict
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.evaluation.silhouette_iou import silhouette_score
+
+DRAWN_IMAGES = 4  # of each set
+
+# Poses (N, 5) and a camera -> masks (N, H, W).
+Render = Callable[[NDArray[np.float64], Camera], Sequence[NDArray[np.bool_]]]
+
+
+def compare_silhouettes(
+    predictor: Predictor,
+    render: Render,
+    sets: Mapping[str, Sequence[MaskedImage]],
+    confidence: float,
+    picture: Path,
+) -> dict[str, dict[str, float]]:
+    """Detected rate and IoU by set; draws the first images of each into `picture`."""
+    scores, drawn = {}, list[Image]()
+    for name, images in sets.items():
+        found = predict(predictor, (image.rgb for image in images), len(images))
+        silhouettes = [
+            render(detections.above(confidence).poses, image.camera)
+            for image, detections in zip(
+                images, tqdm(found, "silhouettes", unit="image"), strict=True
+            )
+        ]
+        known, masks = [image.known for image in images], [image.masks for image in images]
+        scores[name] = asdict(silhouette_score(found, known, masks, silhouettes, confidence))
+        drawn += [
+            draw_caption(draw_masks(draw_masks(i.rgb, i.masks, TRUTH), silhouette, FOUND), name)
+            for i, silhouette in list(zip(images, silhouettes, strict=True))[:DRAWN_IMAGES]
+        ]
+    write_jpeg(contact_sheet(drawn, columns=DRAWN_IMAGES), picture)
+    return scores

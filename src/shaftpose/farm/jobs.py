@@ -1,0 +1,64 @@
+"""A rendered set on disk: its description and its finished shards.
+
+Finished shards are kept in a scratch folder named after the set's fingerprint. An interrupted
+render therefore continues when run again, and starts from the beginning if a setting changed.
+"""
+
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from shaftpose.files import new_file
+from shaftpose.rendering.rendered_set import RenderedSet, Shard
+from shaftpose.settings.parsing import from_json, to_json
+from shaftpose.settings.parts import RenderSettings
+
+_SET = "set.json"
+_SHARD = re.compile(r"shard-\d{6,}\.tar(\.part)?")  # see `shard_name`; `.part`: an unfinished copy
+
+
+def write_set(rendered: RenderedSet, folder: Path) -> None:
+    """Write the description of a set next to its shards; `read_set` reads it on any machine."""
+    backgrounds = {path.resolve(): source for path, source in rendered.backgrounds.items()}
+    settings = _with_absolute_files(rendered.settings)
+    described = replace(rendered, settings=settings, backgrounds=backgrounds)
+    (folder / _SET).write_text(to_json(described))
+
+
+def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
+    cad = settings.shaft.cad
+    if cad is None:
+        return settings
+    cad = replace(cad, file=cad.file.resolve())
+    return replace(settings, shaft=replace(settings.shaft, cad=cad))
+
+
+def read_set(folder: Path) -> RenderedSet:
+    """The set whose shards are in `folder`."""
+    return from_json(RenderedSet, folder / _SET)
+
+
+def link_shards(shards: Sequence[Shard], out: Path) -> None:
+    """Put finished shards into `out` as hard links, or as copies across file systems.
+
+    Existing shards in `out` are removed first: after an interruption shards may be missing, but
+    shards of two sets are never mixed.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for path in out.iterdir():
+        if _SHARD.fullmatch(path.name):
+            path.unlink()
+    for shard in shards:
+        _link_or_copy(shard.path, out / shard.path.name)
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    """Link or copy a shard; a copy gets its final name only when it is complete."""
+    try:
+        os.link(source, target)
+    except OSError:
+        with new_file(target) as part:
+            shutil.copyfile(source, part)

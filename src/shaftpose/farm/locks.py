@@ -1,0 +1,32 @@
+"""A lock against a second run in the same folder."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from shaftpose.errors import InputError
+
+
+@contextmanager
+def alone_in(folder: Path, scratch: Path) -> Iterator[None]:
+    """Hold the lock of a folder; the system releases it even if this process crashes.
+
+    The lock is a file in `scratch`, named after the folder: in the folder itself, DVC would treat
+    it as a result. Raises InputError if another run holds it.
+    """
+    scratch.mkdir(parents=True, exist_ok=True)
+    name = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
+    lock = FileLock(scratch / f"{name}.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise InputError(
+            f"{folder}: another run is rendering into this folder; wait for it to end"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

@@ -1,0 +1,123 @@
+"""Rendering of a set, shard by shard, on Dask workers; resumes after an interruption."""
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import CancelledError
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from distributed import Client, Future, KilledWorker, as_completed
+from tqdm import tqdm
+
+from shaftpose.errors import InputError
+from shaftpose.farm.cluster import connect
+from shaftpose.farm.jobs import link_shards, write_set
+from shaftpose.farm.locks import alone_in
+from shaftpose.farm.shard_task import Run, render_shard
+from shaftpose.files import naming_full_disk
+from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
+from shaftpose.settings.parts import ClusterSettings
+
+ATTEMPTS = 3  # per shard, if Blender crashes or hangs
+
+logger = logging.getLogger(__name__)
+
+
+def render_sets(
+    sets: Mapping[str, RenderedSet], cluster: ClusterSettings, scratch: Path, out: Path
+) -> None:
+    """Render each set into the subfolder of `out` with its name; see `render_set`."""
+    with connect(cluster) as client:
+        for name, rendered in sets.items():
+            render_set(rendered, scratch, out / name, client, cluster.hang_s)
+            logger.info("%d images are in %s", rendered.images, out / name)
+
+
+def render_set(
+    rendered: RenderedSet, scratch: Path, out: Path, client: Client, hang_s: float
+) -> None:
+    """Render the shards missing in `scratch`, then link all shards into `out`.
+
+    client: of workers that see `scratch` and the backgrounds under the same paths. hang_s: seconds
+    without a finished image after which Blender is killed and the shard retried.
+
+    A repeated run renders only unfinished or truncated shards; the result is byte-identical to an
+    uninterrupted run. Raises InputError if a shard fails (naming its log), a disk is full, or
+    another run uses the same set or the same `out`.
+    """
+    folder = scratch.resolve() / rendered.fingerprint()
+    with naming_full_disk(folder), alone_in(folder, scratch), alone_in(out, scratch):
+        folder.mkdir(exist_ok=True)
+        shards = rendered.shards(folder)
+        missing = [shard for shard in shards if not _is_finished(shard)]
+        logger.info("rendering %d of %d shards in %s", len(missing), len(shards), folder)
+        write_set(rendered, folder)
+        _render(missing, Run(software(), str(folder), hang_s), client)
+        with naming_full_disk(out):
+            link_shards(shards, out)
+
+
+def _is_finished(shard: Shard) -> bool:
+    """Whether a shard is usable. It may have been truncated through its hard link in `out`."""
+    finished = shard.is_finished()
+    if shard.path.exists() and not finished:
+        logger.warning("%s is truncated or damaged: rendering it again", shard.path)
+    return finished
+
+
+def _render(shards: Sequence[Shard], run: Run, client: Client) -> None:
+    total = sum(shard.count for shard in shards)
+    with tqdm(total=total, desc="rendering", unit="image", disable=not total) as bar:
+        progress = _Progress(bar)
+        client.subscribe_topic(run.topic, progress.on_event)
+        futures = client.map(render_shard, shards, run=run, pure=False, retries=ATTEMPTS - 1)
+        try:
+            tasks = as_completed(futures, loop=client.loop)
+            _await(tasks, dict(zip(futures, shards, strict=True)), progress)
+        finally:
+            client.cancel(futures)  # cancelled tasks end Blender
+            client.unsubscribe_topic(run.topic)
+
+
+def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Progress") -> None:
+    """Wait until all tasks are done; raises InputError at the first failure."""
+    for future in tasks:
+        shard = shards[future]
+        try:
+            complaint = future.result()
+        except KilledWorker as error:
+            raise InputError(
+                f"{shard.path.name}: every Dask worker that rendered it died; see {shard.log}"
+            ) from error
+        except CancelledError as error:
+            raise InputError(
+                "the connection to the Dask scheduler is lost; run again to continue"
+            ) from error
+        if complaint:
+            raise InputError(complaint)
+        progress.show(shard.path.name, shard.count)
+
+
+class _Progress:
+    """Shows the number of finished images, in finished and in unfinished shards."""
+
+    def __init__(self, bar: Any) -> None:
+        self._bar, self._lock = bar, Lock()  # events come from a thread of Dask's client
+        self._images: dict[str, int] = {}
+        self._said: set[str] = set()
+
+    def on_event(self, event: tuple[float, dict[str, Any]]) -> None:
+        """Process the report of a task."""
+        _, report = event
+        trouble = report.get("trouble", "")
+        if trouble and trouble not in self._said:  # many shards may report the same
+            logger.warning("%s", trouble)
+            self._said.add(trouble)
+        self.show(report["shard"], report.get("images", 0))
+
+    def show(self, shard: str, images: int) -> None:
+        """Set the number of finished images of a shard; a second attempt restarts at 0."""
+        with self._lock:
+            self._bar.update(images - self._images.get(shard, 0))
+            self._images[shard] = images

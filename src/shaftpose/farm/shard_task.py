@@ -1,0 +1,148 @@
+"""The task of a Dask worker: one shard, rendered by Blender in a monitored subprocess.
+
+A crash, a hang or a memory leak of Blender is confined to the subprocess.
+"""
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from dataclasses import dataclass
+from select import select
+from typing import IO
+
+from distributed import get_worker
+
+from shaftpose.errors import InputError
+from shaftpose.farm.worker import COMPLAINT, IMAGE_DONE, WARNING
+from shaftpose.rendering.rendered_set import Shard, software
+
+_POLL_S = 0.5  # how soon a cancelled task is noticed
+_REPORT_S = 2.0  # reports of a thousand workers must not keep the scheduler busy
+_EXIT_S = 10.0  # Blender may hang or crash on exit, after its shard is finished
+
+
+@dataclass(frozen=True)
+class Run:
+    """Parameters shared by the tasks of one run.
+
+    software: see `rendered_set.software`; it must be the same on all machines. topic: of the tasks'
+    report events. hang_s: seconds without a finished image after which Blender is killed.
+    """
+
+    software: str
+    topic: str
+    hang_s: float
+
+
+def render_shard(shard: Shard, run: Run) -> str:
+    """Render one shard unless it is finished.
+
+    Returns a one-line error that a retry would not fix, else "". Raises InputError if Blender
+    crashed or hung, so that Dask retries.
+    """
+    if run.software != software():
+        return (
+            f"{socket.gethostname()}: shaftpose, Blender, OpenCV, numpy or trimesh differ from "
+            "those on the machine that started the run; install the same versions"
+        )
+    # Dask repeats a task whose result was lost with a worker: its shard may be finished.
+    if shard.is_finished():
+        return ""
+    worker = get_worker()
+    key = worker.get_current_task()
+
+    def is_wanted() -> bool:
+        task = worker.state.tasks.get(key)
+        return task is not None and task.state != "cancelled"
+
+    def report(event: dict[str, str | int]) -> None:
+        worker.log_event(run.topic, {"shard": shard.path.name, **event})
+
+    try:
+        return run_blender(_command(shard), shard, run.hang_s, is_wanted, report)
+    except InputError as error:
+        report({"trouble": str(error)})
+        raise
+
+
+def _command(shard: Shard) -> list[str]:
+    arguments = (shard.path, shard.first, shard.count)
+    return [sys.executable, "-m", "shaftpose.farm.worker", *map(str, arguments)]
+
+
+def run_blender(
+    command: list[str],
+    shard: Shard,
+    hang_s: float,
+    is_wanted: Callable[[], bool],
+    report: Callable[[dict[str, str | int]], None],
+) -> str:
+    """Run a worker process to its end; returns and raises what `render_shard` does.
+
+    is_wanted: once it returns False, the process is killed and CancelledError raised. report:
+    receives the number of finished images.
+    """
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+    with process:
+        try:
+            assert process.stdout
+            complaint = _follow(process.stdout, hang_s, is_wanted, report)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_EXIT_S)
+        except TimeoutError as error:
+            if not shard.is_finished():
+                raise InputError(
+                    f"{shard.path.name}: Blender finished no image for {hang_s:g} s and was killed;"
+                    f" see {shard.log}; set cluster.hang_s in params.yaml above the slowest image"
+                ) from error
+            complaint = ""
+        finally:
+            process.kill()
+    return "" if shard.is_finished() else _failure(process.returncode, shard, complaint)
+
+
+def _follow(
+    output: IO[bytes],
+    hang_s: float,
+    is_wanted: Callable[[], bool],
+    report: Callable[[dict[str, str | int]], None],
+) -> str:
+    """Read a process's output until it ends; returns its error message, if any."""
+    images, complaint = 0, ""
+    heard = reported = time.monotonic()
+    while is_wanted():
+        now = time.monotonic()
+        if not select([output], [], [], _POLL_S)[0]:
+            if now - heard > hang_s:
+                raise TimeoutError
+            continue
+        said = output.readline()
+        if not said:
+            return complaint
+        heard, line = now, said.decode().strip()
+        if line == IMAGE_DONE:
+            images += 1
+        elif line.startswith(COMPLAINT):
+            complaint = line.removeprefix(COMPLAINT)
+        elif line.startswith(WARNING):
+            report({"trouble": line.removeprefix(WARNING)})
+        if now - reported > _REPORT_S:
+            report({"images": images})
+            reported = now
+    raise CancelledError
+
+
+def _failure(status: int, shard: Shard, complaint: str) -> str:
+    if complaint:  # known even if Blender then crashed, or hung and was killed
+        return complaint
+    if status < 0:
+        raise InputError(
+            f"{shard.path.name}: Blender was ended by {signal.Signals(-status).name} (SIGKILL: "
+            f"often out of memory); see {shard.log}"
+        )
+    return f"rendering {shard.path.name} failed; see {shard.log}"

@@ -1,0 +1,49 @@
+"""Rendering of the stand-in for real endoscopic images: boxes, masks in tests, no poses."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.farm.cluster import connect
+from shaftpose.farm.locks import alone_in
+from shaftpose.farm.scale_out import render_set
+from shaftpose.rendering.stand_in_sets import stand_in_sets
+from shaftpose.settings.parts import ClusterSettings, RenderSettings, Size
+
+
+def write_stand_in(
+    settings: RenderSettings,
+    size: Size,
+    seed: int,
+    cluster: ClusterSettings,
+    scratch: Path,
+    out: Path,
+) -> None:
+    """Render the sets in `scratch`; write `images/`, `train.json` and `test.json` to `out`."""
+    folder, samples = scratch / "stand-in", {}
+    # A second run would overwrite the backgrounds that the first one reads.
+    with alone_in(folder, scratch), connect(cluster) as client:
+        for name, rendered in stand_in_sets(settings, size, seed, folder).items():
+            render_set(rendered, scratch, folder / name, client, cluster.hang_s)
+            samples[name] = list(read_samples(folder / name, name))
+    for name, sample in [pair for pairs in samples.values() for pair in pairs]:
+        write_jpeg(sample.rgb, out / name)
+    about = "stand-in for real endoscopic images, rendered; boxes only, no poses"
+    write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
+    test = samples["clear"] + samples["occluded"]
+    write_coco(out / "test.json", test, with_masks=True, description=about)
+
+
+def read_samples(folder: Path, name: str) -> Iterator[tuple[str, RealSample]]:
+    """File name and image with boxes and masks, without poses, for all images of a set."""
+    shards = ShardedDataset(folder)
+    for key in shards.keys:
+        sample = RealSample(
+            rgb=shards.rgb(key),
+            boxes=shards.annotations(key).boxes,
+            masks=tuple(shards.masks(key)),
+            occluded=bool(shards.facts(key)["occluders"]),
+        )
+        yield f"images/{name}-{key}.jpg", sample

@@ -1,0 +1,102 @@
+"""Renders one shard in its own process: `python -m shaftpose.farm.worker SHARD 0 200`.
+
+The numbers are the index of the first image and the number of images; SHARD is the shard's file,
+next to the description of its set. A process has one Blender scene, so each shard has a process. It
+prints a line for each finished image and each warning; Blender's output is appended to the shard's
+log. It ends when its standard input closes, so it does not outlive a killed parent.
+"""
+
+import logging
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from shaftpose.core.shards import ShardWriter
+from shaftpose.errors import InputError
+from shaftpose.farm.jobs import read_set
+from shaftpose.files import naming_full_disk
+from shaftpose.rendering import cad
+from shaftpose.rendering.rendered_set import RenderedSet, Shard
+
+if TYPE_CHECKING:
+    from shaftpose.rendering.generator import Generator
+
+IMAGE_DONE = "image"
+COMPLAINT = "error: "
+WARNING = "warning: "
+
+
+def main() -> None:
+    """Render the shard that the arguments describe."""
+    path, first, count = sys.argv[1:]
+    shard = Shard(Path(path), int(first), int(count))
+    threading.Thread(target=_end_with_input, daemon=True).start()
+    progress = os.fdopen(os.dup(1), "w")
+    logging.basicConfig(stream=progress, level=logging.WARNING, format=f"{WARNING}%(message)s")
+    cad.logger.disabled = True  # the parent has already logged these warnings
+    try:
+        with naming_full_disk(shard.path.parent):
+            _send_output_to(shard.log)
+            render_shard(read_set(shard.path.parent), shard, progress)
+    except InputError as error:
+        print(f"{COMPLAINT}{error}", file=progress)
+        sys.exit(1)
+    finally:
+        progress.close()  # signals the end to the parent, even if Blender hangs on exit
+
+
+def render_shard(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
+    """Write all images of a shard, and a line to `progress` after each."""
+    generator = start_generator(rendered)
+    with ShardWriter(shard.path, rendered.settings.jpeg_quality) as writer:
+        for index in range(shard.first, shard.first + shard.count):
+            writer.write(generator.sample(index))
+            print(IMAGE_DONE, file=progress, flush=True)
+
+
+def start_generator(rendered: RenderedSet) -> "Generator":
+    """The generator of a set, for a process on one core.
+
+    Blender is imported only here, so a parent process need not load it. When loaded, it starts
+    threads for all cores that the process may use. They wait in a busy loop and would take half of
+    the time of other workers.
+    """
+    with _on_one_core():
+        from shaftpose.rendering.generator import Generator
+    return Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+
+
+@contextmanager
+def _on_one_core() -> Iterator[None]:
+    """Restrict this process to one core, where the system supports it (Linux)."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(allowed)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def _end_with_input() -> None:
+    # Not sys.stdin: at exit, Python would wait for the lock held by a blocked read.
+    while os.read(0, 1):
+        pass
+    os._exit(1)
+
+
+def _send_output_to(log: Path) -> None:
+    """Append this process's standard output and error to `log`."""
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+
+
+if __name__ == "__main__":
+    main()

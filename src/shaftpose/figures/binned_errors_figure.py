@@ -1,0 +1,56 @@
+"""The figure of binned errors: all variants side by side."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from shaftpose.core.figure_style import (
+    COLOURS,
+    finish,
+    legend,
+    line_style,
+    new_figure,
+)
+from shaftpose.evaluation.binned_errors import BINS, ERRORS, ErrorBin
+
+QUANTITY_LABELS = {
+    "z_mm": "true z [mm]",
+    "pitch_deg": "true pitch [deg]",
+    "yaw_from_seam_deg": "true yaw from the seam [deg]",
+    "visible_fraction": "visible fraction",
+}
+FEWEST = 5  # instruments in a bin whose median is shown
+ERROR_LABELS = {"tip_mm": "tip error [mm]", "axis_deg": "axis error [deg]"}
+
+
+def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]) -> Figure:
+    """Median error in each bin by variant title, with quantities as columns and errors as rows.
+
+    A dotted line at 0 deg marks the seam of the yaw. Bins of fewer than `FEWEST` instruments are
+    left out, and lines do not bridge them.
+    """
+    figure = new_figure(16.0, 6.4)
+    panels = figure.subplots(len(ERRORS), len(BINS), sharey="row")
+    for row, error in zip(panels, ERRORS, strict=True):
+        for axes, quantity in zip(row, BINS, strict=True):
+            for index, (title, bins) in enumerate(variants.items()):
+                _draw(axes, bins[quantity], error, title, index)
+            if quantity == "yaw_from_seam_deg":
+                axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
+            finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")
+        row[0].set_ylim(bottom=0)  # shared, and fixed from here on
+    legend(figure, panels[0, 0])
+    return figure
+
+
+def _draw(axes: Axes, bins: Sequence[ErrorBin], value: str, title: str, index: int) -> None:
+    axes.plot(
+        [(one.low + one.high) / 2 for one in bins],
+        [getattr(one, value) if one.count >= FEWEST else math.nan for one in bins],
+        label=title,
+        marker="o",
+        markersize=3.5,
+        **line_style(index),
+    )

@@ -1,0 +1,53 @@
+"""The interface of a network; trainer, export and evaluation use nothing else."""
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from shaftpose.core.batches import Targets
+from shaftpose.settings.parts import CameraSettings, DetectionSettings
+
+IMAGE_SIDE_PX = CameraSettings.size_px
+COUNTS = frozenset({"matched"})  # loss terms that are counts; all others are means
+
+
+class DecodedOutputs(NamedTuple):
+    """The instruments of a batch, best score first, padded with zeros.
+
+    boxes: (B, K, 4) `x0, y0, x1, y1` in pixels; scores: (B, K); poses: (B, K, 5) mm, deg.
+    """
+
+    boxes: Tensor
+    scores: Tensor
+    poses: Tensor
+
+
+class PoseNetwork(nn.Module, ABC):
+    """Images -> outputs; outputs and targets -> loss terms; outputs -> instruments.
+
+    continuous: whether a small change of the outputs is a small change of the pose;
+    needs_instances: whether targets must have `instances`.
+    """
+
+    continuous: bool = True
+    needs_instances: bool = False
+
+    @abstractmethod
+    def forward(self, images: Tensor) -> Any:
+        """(B, 3, 299, 299) in [-1, 1] -> outputs, which only the other two methods interpret."""
+
+    @abstractmethod
+    def loss_terms(self, outputs: Any, targets: Targets) -> dict[str, Tensor]:
+        """Scalars by name: `loss`, which training minimises, and its terms."""
+
+    @abstractmethod
+    def detections(self, outputs: Any, limits: DetectionSettings) -> DecodedOutputs:
+        """At most `limits.max_detections` instruments in each image."""
+
+
+def normalise_images(images: Tensor) -> Tensor:
+    """(B, H, W, 3) uint8 RGB -> (B, 3, H, W) float in [-1, 1], channels last in memory."""
+    pixels = images.permute(0, 3, 1, 2).float()
+    return torch.add(-1.0, pixels, alpha=1 / 127.5)

@@ -1,0 +1,58 @@
+"""The sets that stand in for real endoscopic images: other tissue, light, lens and air."""
+
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+from shaftpose.backgrounds.library import procedural_sources, write_library
+from shaftpose.backgrounds.tissue import STAND_IN
+from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.core.background_index import read_library
+from shaftpose.rendering.rendered_set import RenderedSet
+from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
+from shaftpose.settings.parts import Distortion, RenderSettings, Size
+
+# Seeds of the sets, relative to the project's seed, and their share of occluded images.
+SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
+SOURCES_PER_SET = 20
+
+
+def stand_in_sets(
+    settings: RenderSettings, size: Size, seed: int, folder: Path
+) -> dict[str, RenderedSet]:
+    """The sets by name; they share no background. folder: for the backgrounds."""
+    images = {"train": size.real, "clear": size.test_set, "occluded": size.test_set}
+    backgrounds = iter(_backgrounds(folder / "backgrounds", settings.camera.size_px, seed))
+    return {
+        name: RenderedSet(
+            settings=with_occlusion(settings, hidden),
+            backgrounds=dict(islice(backgrounds, SOURCES_PER_SET)),
+            seed=seed + own_seed,
+            images=images[name],
+            images_per_shard=images_per_shard(images[name], size),
+        )
+        for name, (own_seed, hidden) in SETS.items()
+    }
+
+
+def _backgrounds(folder: Path, side_px: int, seed: int) -> list[tuple[Path, str]]:
+    """Tissue with the stand-in's look: image file and id of its source."""
+    own_seed = seed + SETS["train"][0]
+    count = SOURCES_PER_SET * len(SETS)
+    unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
+    sources = procedural_sources(count, own_seed, side_px, STAND_IN)
+    write_library(sources, folder, 1, unaltered, own_seed, side_px, count)
+    return list(by_path(read_library(folder)).items())
+
+
+def with_occlusion(settings: RenderSettings, hidden: float) -> RenderSettings:
+    """The stand-in's settings; `hidden` is the share of images with occluders, 0 for a clear set.
+
+    Lens distortion is fixed at the middle of its range: COCO files do not state a camera, so all
+    images use the one for silhouettes.
+    """
+    changed = OCCLUDED | {"occluder_probability": hidden} if hidden else CLEAR
+    bent = settings.lens.distortion
+    (k1_mid, k2_mid) = (sum(ends) / 2 for ends in (bent.k1, bent.k2))
+    middle = Distortion(k1=(k1_mid, k1_mid), k2=(k2_mid, k2_mid))
+    return replace(with_scene(settings, changed), lens=replace(settings.lens, distortion=middle))

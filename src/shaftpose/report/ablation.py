@@ -1,0 +1,137 @@
+"""Plain data of an ablation study: training settings, amounts of data and metrics."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from shaftpose.errors import InputError
+from shaftpose.report.paper_tables import TABLE_I
+
+STAND_IN = "stand-in"
+REAL = "real"
+
+MetricValues = Mapping[str, float | int | None]
+
+
+@dataclass(frozen=True)
+class VariantRow:
+    """One variant, trained once or several times with different seeds.
+
+    `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
+    each, empty for a single training. `width` and `depth` multiply the backbone's channels and
+    blocks; `detector_steps` are the steps of the detector that training started from, 0 for random
+    weights; `parameters` is the number of weights. `mixed_in_images` are real or stand-in training
+    images in addition to `training_images`. Only variants that the paper lacks need a `title`.
+    """
+
+    variant: str
+    metrics: MetricValues
+    training_images: int
+    test_images: int
+    steps: int
+    batch_size: int
+    width: float
+    depth: float
+    optimizer: str
+    detector_steps: int
+    seeds: tuple[int, ...]
+    parameters: int
+    mixed_in_images: int = 0
+    title: str = ""
+    spread: MetricValues = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Champion:
+    """The variant chosen for deployment, and the selection rule as one sentence."""
+
+    variant: str
+    rule: str
+
+
+@dataclass(frozen=True)
+class AblationReport:
+    """The content of the report.
+
+    `profile`: the run's profile in conf/profiles.yaml. `constant`: metrics of the constant
+    predictor. `domain_label`: kind of the "real" images in this study, `stand-in` or `real`.
+    `silhouette`: fields of a `SilhouetteScore` by variant and set of images (`rendered/clear`,
+    `rendered/occluded`, and both for the domain, such as `stand-in/clear`). `figures`: PNG files by
+    title.
+    """
+
+    rows: list[VariantRow]
+    constant: MetricValues
+    silhouette: Mapping[str, Mapping[str, MetricValues]]
+    domain_label: str
+    champion: Champion
+    profile: str
+    figures: Mapping[str, Path] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.domain_label not in (STAND_IN, REAL):
+            raise InputError(
+                f"domain_label is {self.domain_label!r}: use {STAND_IN!r} or {REAL!r}, so that "
+                "readers know whether real images were measured"
+            )
+
+
+def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
+    """The table row of one variant, from the plain values that its evaluation wrote."""
+    training, metrics = result["training"], result["metrics"]
+    size = training["recipe"]["size"]
+    return VariantRow(
+        variant=name,
+        title=result["title"],
+        metrics=metrics,
+        training_images=training["training_images"],
+        test_images=metrics["images"],
+        steps=training["steps"],
+        batch_size=training["batch_size"],
+        width=training["width"],
+        depth=training["depth"],
+        optimizer=size["optimizer"],
+        detector_steps=size["detector_steps"] if training["variant"]["start"] else 0,
+        seeds=(training["seed"],),
+        parameters=training["parameters"],
+        mixed_in_images=training["real"]["images"] if training["real"] else 0,
+    )
+
+
+def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
+    """The paper's title of a variant, else its own title, else its name.
+
+    If stand-ins replace real images, "D + real" becomes "D + stand-in".
+    """
+    title = TABLE_I[variant].title if variant in TABLE_I else own_title or variant
+    parts = title.split(" + ")
+    return " + ".join(domain_label if part == REAL else part for part in parts)
+
+
+def choose_champion(validation: Mapping[str, Mapping[str, float]], margin: float) -> Champion:
+    """The variant with the lowest tip error among those whose mAP is within `margin` of the best.
+
+    validation: `mAP` and `tip_mm` on the validation images by variant, where known: a variant that
+    detected no instrument has no tip error and comes last. Test images are not used, as a choice by
+    their metrics would bias these metrics.
+    """
+    best = max(values.get("mAP", 0.0) for values in validation.values())
+    close = [name for name, values in validation.items() if values.get("mAP", 0.0) >= best - margin]
+    chosen = min(close, key=lambda name: validation[name].get("tip_mm", math.inf))
+    return Champion(
+        chosen,
+        "lowest mean tip error among the variants whose mAP is within "
+        f"{margin:g} of the best, both on the validation images, where it has "
+        + ", ".join(f"{name} {value:.3g}" for name, value in sorted(validation[chosen].items())
+                    if name in ("mAP", "tip_mm")),
+    )  # fmt: skip
+
+
+def last_validation(curves: Sequence[Sequence[Any]]) -> dict[str, float]:
+    """The metrics of a training's last validation, from rows of step, name, value."""
+    phase = "validation/"
+    rows = [(step, name, value) for step, name, value in curves if name.startswith(phase)]
+    last = max((step for step, _, _ in rows), default=None)
+    return {name.removeprefix(phase): value for step, name, value in rows if step == last}

@@ -1,0 +1,156 @@
+"""The ablation report as Markdown, JSON and one self-contained HTML file."""
+
+import base64
+import json
+import math
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+
+from shaftpose.errors import InputError
+from shaftpose.report import paper_tables, report_tables
+from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow, variant_title
+from shaftpose.report.report_tables import MISSING, ComparedRow, show
+
+HEADLINES = (
+    report_tables.Column("mAP", "mAP", 3),
+    report_tables.Column("detected_rate", "Detected rate", 3),
+    report_tables.Column("tip_mm", "Tip error [mm]", 2),
+    report_tables.Column("axis_deg", "Axis error [deg]", 2),
+)
+
+
+def to_markdown(report: AblationReport) -> str:
+    """The report as Markdown, paper values first; figures are only in the HTML file."""
+    return "\n\n".join(["# Ablation report", *blocks(report)]) + "\n"
+
+
+def blocks(report: AblationReport, level: str = "##") -> list[str]:
+    """The report's champion, tables and notes as Markdown, without the title; `level`: prefix of
+    their headings."""
+    headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
+    rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
+    return [
+        f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
+        f"{level} Table I: accuracy on rendered test images (paper / ours)",
+        "A single value is ours: the paper has no such row.",
+        table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
+        *report_tables.table_i_scale(report),
+        f"{level} Table II: re-rendered silhouettes (paper / ours)",
+        "A single value is ours: the paper has no such row.",
+        pipe_table(headings_ii, rows_ii),
+        *report_tables.table_ii_scale(report),
+        f"{level} How each variant was trained",
+        pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
+    ]
+
+
+def table_i_block(rows: list[ComparedRow], columns: tuple[report_tables.Column, ...]) -> str:
+    """Rows of Table I with the given columns as Markdown, paper values first."""
+    headings = ["Variant", *(column.heading for column in columns)]
+    return pipe_table(headings, [_pair_cells(row) for row in rows])
+
+
+def to_json(report: AblationReport) -> str:
+    """The report's numbers and the paper's as JSON; missing and non-finite values are null."""
+    content = {
+        "champion": asdict(report.champion),
+        "profile": report.profile,
+        "domain_label": report.domain_label,
+        "variants": [_json_row(row, report.domain_label) for row in report.rows],
+        "constant_predictor": _finite(report.constant),
+        "silhouette": {
+            variant: {name: _finite(score) for name, score in sets.items()}
+            for variant, sets in report.silhouette.items()
+        },
+        "paper_silhouette": {
+            variant: {name: asdict(pair) for name, pair in sets.items()}
+            for variant, sets in paper_tables.TABLE_II.items()
+        },
+        "paper_scale": {
+            "training_images": paper_tables.TRAINING_IMAGES,
+            "test_images": paper_tables.TEST_IMAGES,
+            "batch_size": paper_tables.BATCH_SIZE,
+        },
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def to_html(report: AblationReport) -> str:
+    """The report as one self-contained file: embedded figures, no scripts, no links."""
+    template = files("shaftpose.report").joinpath("report.html.j2").read_text("utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(template).render(
+        report=report,
+        champion=report_tables.champion_title(report),
+        headlines=_headlines(report),
+        columns_i=report_tables.TABLE_I_COLUMNS,
+        columns_ii=report_tables.TABLE_II_COLUMNS,
+        setup_columns=report_tables.SETUP_COLUMNS,
+        rows_i=report_tables.table_i(report),
+        rows_ii=report_tables.table_ii(report),
+        setup_rows=report_tables.setup_rows(report),
+        notes_i=report_tables.table_i_scale(report),
+        notes_ii=report_tables.table_ii_scale(report),
+        figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
+        missing=MISSING,
+    )
+
+
+def _pair_cells(row: ComparedRow) -> list[str]:
+    """The title, then "paper / ours" for each column; only ours if the paper has no row."""
+    title = f"**{row.title}**" if row.champion else row.title
+    if row.paper is None:
+        return [title, *row.ours]
+    return [title, *(f"{paper} / {ours}" for paper, ours in zip(row.paper, row.ours, strict=True))]
+
+
+def _domains(row: ComparedRow) -> str:
+    return row.domain if row.paper is None else f"{row.paper_domain} / {row.domain}"
+
+
+def pipe_table(headings: list[str], rows: list[list[str]]) -> str:
+    """A Markdown table."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(_escape(cell) for cell in line) + " |" for line in lines)
+
+
+def _escape(cell: str) -> str:
+    return cell.replace("|", "\\|")
+
+
+def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:
+    paper = paper_tables.TABLE_I.get(row.variant)
+    return {
+        **asdict(row),
+        "title": variant_title(row.variant, domain_label, row.title),
+        "metrics": _finite(row.metrics),
+        "paper": asdict(paper) if paper else None,
+    }
+
+
+def _finite(values: MetricValues) -> dict[str, float | int | None]:
+    return {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in values.items()
+    }
+
+
+def _headlines(report: AblationReport) -> list[tuple[str, str]]:
+    """The champion's figures of merit as (heading, value)."""
+    metrics: MetricValues = next(
+        (row.metrics for row in report.rows if row.variant == report.champion.variant), {}
+    )
+    return [(c.heading, show(metrics.get(c.name), c.decimals)) for c in HEADLINES]
+
+
+def _data_uri(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: the report's figure cannot be read: draw it first") from error
+    return "data:image/png;base64," + base64.b64encode(content).decode("ascii")

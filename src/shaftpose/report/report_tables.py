@@ -1,0 +1,273 @@
+"""The report's tables as text cells, for both Markdown and HTML."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+
+from shaftpose.report import paper_tables
+from shaftpose.report.ablation import (
+    REAL,
+    STAND_IN,
+    AblationReport,
+    MetricValues,
+    VariantRow,
+    variant_title,
+)
+
+MISSING = "n/a"
+RENDERED = "rendered"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric: its name, its heading and the number of decimals."""
+
+    name: str
+    heading: str
+    decimals: int
+
+
+SCALE = (Column("training_images", "Training images", 0), Column("steps", "Steps", 0))
+TABLE_I_METRICS = (
+    Column("mAP", "mAP", 3),
+    Column("detected_rate", "Detected rate", 3),
+    Column("x_mm", "x [mm]", 2),
+    Column("y_mm", "y [mm]", 2),
+    Column("z_mm", "z [mm]", 2),
+    Column("pitch_deg", "Pitch [deg]", 2),
+    Column("yaw_deg", "Yaw [deg]", 2),
+    Column("axis_deg", "Axis [deg]", 2),
+    Column("tip_mm", "Tip [mm]", 2),
+    Column("fps", "fps", 1),
+)
+TABLE_I_COLUMNS = SCALE + TABLE_I_METRICS
+# Without the speed, which does not depend on how a network was trained.
+TRAINING_COLUMNS = tuple(column for column in TABLE_I_COLUMNS if column.name != "fps")
+TABLE_II_COLUMNS = (
+    Column("clear/detected_rate", "Clear: detected rate", 3),
+    Column("clear/iou", "Clear: IoU", 3),
+    Column("occluded/detected_rate", "Occluded: detected rate", 3),
+    Column("occluded/iou", "Occluded: IoU", 3),
+)
+SETUP_COLUMNS = (
+    "Variant",
+    "Training images",
+    "Test images",
+    "Steps",
+    "Batch",
+    "Width",
+    "Depth",
+    "Optimiser",
+    "Detector steps",
+    "Seeds",
+    "Parameters",
+    "Confidence",
+)
+
+
+@dataclass(frozen=True)
+class ComparedRow:
+    """A row of a table: the paper's cells (None if the paper has no such row) and ours.
+
+    Table II adds both domains: a stand-in is never shown as the paper's domain.
+    """
+
+    title: str
+    paper: list[str] | None
+    ours: list[str]
+    domain: str = ""
+    paper_domain: str = ""
+    champion: bool = False
+
+
+def show(value: float | int | None, decimals: int) -> str:
+    """A number with thousands separated, or "n/a" if it is missing or not finite."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return f"{value:,.{decimals}f}"
+
+
+def champion_title(report: AblationReport) -> str:
+    """The champion's title."""
+    own = {row.variant: row.title for row in report.rows}
+    name = report.champion.variant
+    return variant_title(name, report.domain_label, own.get(name, ""))
+
+
+def table_i(report: AblationReport) -> list[ComparedRow]:
+    """Every variant next to the paper's row, then the constant predictor."""
+    champion = report.champion.variant
+    rows = beside_paper(report.rows, report.domain_label, TABLE_I_COLUMNS, champion)
+    constant = ComparedRow("Constant predictor", None, cells(report.constant, TABLE_I_COLUMNS))
+    return [*rows, constant]
+
+
+def beside_paper(
+    rows: Iterable[VariantRow],
+    domain_label: str,
+    columns: tuple[Column, ...],
+    champion: str = "",
+) -> list[ComparedRow]:
+    """Variants next to the paper's rows, with `±` half the range if trained more than once."""
+    return [
+        ComparedRow(
+            title=variant_title(row.variant, domain_label, row.title),
+            paper=_paper_cells(row.variant, columns),
+            ours=cells(_measured(row), columns, row.spread),
+            champion=row.variant == champion,
+        )
+        for row in rows
+    ]
+
+
+def table_ii(report: AblationReport) -> list[ComparedRow]:
+    """Rendered images, then real or stand-in images; one row for each measured variant."""
+    own_titles = {row.variant: row.title for row in report.rows}
+    # Our domain, its key in TABLE_II, and the paper's name for it.
+    domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
+    return [
+        ComparedRow(
+            title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
+            paper=_paper_silhouette_cells(variant, paper_domain),
+            ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
+            domain=domain,
+            paper_domain=paper_word,
+            champion=variant == report.champion.variant,
+        )
+        for domain, paper_domain, paper_word in domains
+        for variant, sets in report.silhouette.items()
+        if any(name.startswith(f"{domain}/") for name in sets)
+    ]
+
+
+def setup_rows(report: AblationReport) -> list[list[str]]:
+    """Training settings of each variant, cells in the order of `SETUP_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
+            str(row.batch_size),
+            f"{row.width:g}",
+            f"{row.depth:g}",
+            row.optimizer.capitalize(),
+            show(row.detector_steps or None, 0),
+            ", ".join(str(seed) for seed in row.seeds),
+            show(row.parameters, 0),
+            show(row.metrics.get("confidence"), 2),
+        ]
+        for row in report.rows
+    ]
+
+
+def table_i_scale(report: AblationReport) -> list[str]:
+    """Sentences on the scale of Table I, the paper's and ours."""
+    rows = report.rows
+    share = max((row.training_images for row in rows), default=0) / paper_tables.TRAINING_IMAGES
+    notes = [
+        f"Paper: {paper_tables.TRAINING_IMAGES:,} artificial training images (and "
+        f"{paper_tables.REAL_TRAINING_IMAGES} real ones in D + noise + real), "
+        f"{paper_tables.TEST_IMAGES:,} test images, batch {paper_tables.BATCH_SIZE}; the number "
+        "of steps is not stated. Its fps were measured on a Quadro GV100. Ours are a single "
+        "reading with onnxruntime on a CPU, one image at a time, including decoding; `make bench` "
+        "measures the speed in repeated rounds.",
+        f"Ours: {_span(r.training_images for r in rows)} training images (at most "
+        f"{100 * share:.3g} % of the paper's), {_span(r.test_images for r in rows)} test images, "
+        f"{_span(r.steps for r in rows)} steps, batch {_span(r.batch_size for r in rows)}, "
+        f"backbone width {_span(r.width for r in rows)}, depth {_span(r.depth for r in rows)}.",
+        "Errors are means over the detected instruments. The constant predictor returns the "
+        "training set's mean box and pose for every image; its errors are means over all "
+        "instruments.",
+    ]
+    notes += [_mixed_in(row, report.domain_label) for row in rows if row.mixed_in_images]
+    if any(len(row.seeds) < 2 for row in rows):
+        notes.append(
+            "Variants with one seed were trained once, so this run does not show how large random "
+            "differences are. docs/results.md lists repeated trainings."
+        )
+    return notes
+
+
+def _mixed_in(row: VariantRow, domain_label: str) -> str:
+    """Sentence on the number of real or stand-in images that a variant was trained on."""
+    title = variant_title(row.variant, domain_label, row.title)
+    images = f"{row.mixed_in_images:,} {domain_label} images"
+    sentence = f"{title}: {images} were mixed in with the rendered ones"
+    paper = paper_tables.TABLE_I.get(row.variant)
+    if domain_label == STAND_IN and paper:
+        sentence += f"; the paper's {paper.title} has real ones"
+    return f"{sentence}."
+
+
+def table_ii_scale(report: AblationReport) -> list[str]:
+    """Sentences on the scale and the images of Table II."""
+    scores = [score for sets in report.silhouette.values() for score in sets.values()]
+    images, instruments = (
+        _span(count for score in scores if (count := score[name]) is not None)
+        for name in ("images", "instruments")
+    )
+    notes = [
+        f"Paper: {paper_tables.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
+        f"{instruments} instruments in each cell.",
+        "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
+        "estimated poses, per image, averaged over images; 0 if the network detects nothing. A "
+        "silhouette counts even if its box is too inaccurate to count as detected. Silhouettes "
+        "ignore occlusion: on occluded images, which hide a part of each shaft, no pose reaches 1.",
+    ]
+    if report.domain_label == STAND_IN:
+        notes.append(
+            f"No real image was measured: the {STAND_IN} images replace the "
+            "paper's real images and are not evidence about real ones."
+        )
+    return notes
+
+
+def _measured(row: VariantRow) -> dict[str, float | int | None]:
+    return {**row.metrics, "training_images": row.training_images, "steps": row.steps}
+
+
+def cells(
+    values: MetricValues, columns: tuple[Column, ...], spread: MetricValues | None = None
+) -> list[str]:
+    """The formatted values of the columns, with `±` and the spread where there is one."""
+    shown = [show(values.get(column.name), column.decimals) for column in columns]
+    if not spread:
+        return shown
+    return [
+        f"{cell} ± {show(spread[column.name], column.decimals)}" if column.name in spread else cell
+        for cell, column in zip(shown, columns, strict=True)
+    ]
+
+
+def _paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
+    if variant not in paper_tables.TABLE_I:
+        return None
+    values = asdict(paper_tables.TABLE_I[variant])
+    return cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, columns)
+
+
+def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:
+    sets = {name: asdict(pair) for name, pair in paper_tables.TABLE_II.get(variant, {}).items()}
+    values = _by_set(sets, domain)
+    return cells(values, TABLE_II_COLUMNS) if values else None
+
+
+def _by_set(sets: Mapping[str, MetricValues], domain: str) -> dict[str, float | int | None]:
+    """Values of one domain by `set/metric`, such as `clear/iou`."""
+    return {
+        f"{name.removeprefix(f'{domain}/')}/{metric}": value
+        for name, score in sets.items()
+        if name.startswith(f"{domain}/")
+        for metric, value in score.items()
+    }
+
+
+def _span(values: Iterable[float]) -> str:
+    """A single value or a range, such as "900 to 1,100"."""
+    known = sorted(set(values))
+    if not known:
+        return MISSING
+    return " to ".join(_plain(value) for value in dict.fromkeys((known[0], known[-1])))
+
+
+def _plain(value: float) -> str:
+    return f"{value:,}" if isinstance(value, int) else f"{value:g}"

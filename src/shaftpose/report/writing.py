@@ -1,0 +1,126 @@
+"""Writes the report of all variants from the results of earlier stages."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from shaftpose.core.figure_style import save_figure
+from shaftpose.core.instruments import Annotations
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.core.split_lists import read_keys
+from shaftpose.evaluation.average_precision import PrecisionRecall
+from shaftpose.evaluation.binned_errors import from_plain
+from shaftpose.evaluation.metrics import constant_predictor
+from shaftpose.figures.accuracy_figures import precision_recall_figure
+from shaftpose.figures.binned_errors_figure import binned_error_figure
+from shaftpose.figures.learning_curves_figure import learning_curve_figure
+from shaftpose.files import new_file
+from shaftpose.json_files import read_domain, read_result
+from shaftpose.report.ablation import (
+    AblationReport,
+    Champion,
+    VariantRow,
+    choose_champion,
+    last_validation,
+    variant_row,
+    variant_title,
+)
+from shaftpose.report.ablation_figure import ablation_figure
+from shaftpose.report.report import to_html, to_json, to_markdown
+
+logger = logging.getLogger(__name__)
+
+# Logged values that the report draws.
+LEARNING_CURVES = (
+    *(f"{phase}/{term}" for phase in ("training", "validation")
+      for term in ("confidence", "box", "pose")),
+    "validation/mAP", "validation/detected_rate", "validation/tip_mm",
+)  # fmt: skip
+
+Results = Mapping[str, dict[str, Any]]  # variant -> results of `evaluate`
+
+
+def read_results(folder: Path, variants: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The results of `evaluate`, by variant. Raises InputError naming a file that is missing."""
+    return {name: read_result(folder / name / "evaluation.json", "evaluate") for name in variants}
+
+
+def write_report(
+    folder: Path, variants: Sequence[str], margin: float, profile: str, out: Path
+) -> Champion:
+    """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`; returns the champion.
+
+    folder: results of all variants; margin: see `choose_champion`.
+    """
+    results, domain = read_results(folder, variants), read_domain()
+    rows = [variant_row(name, result) for name, result in results.items()]
+    champion = choose_champion(
+        {name: last_validation(result["curves"]) for name, result in results.items()}, margin
+    )
+    shards = ShardedDataset(Path("data/render/images"))
+    train, test = annotations(shards, "train"), annotations(shards, "test")
+    constant = constant_predictor(train, test).as_dict()
+    report = AblationReport(
+        rows=rows,
+        constant=constant,
+        silhouette={
+            name: read_result(folder / name / "silhouette.json", "evaluate_real")
+            for name in variants
+        },
+        domain_label=domain,
+        champion=champion,
+        profile=profile,
+        figures=draw_figures(results, rows, constant, domain, out),
+    )
+    for suffix, form in {"md": to_markdown, "json": to_json, "html": to_html}.items():
+        with new_file(out / f"ablation.{suffix}") as part:
+            part.write_text(form(report))
+    logger.info("%s", to_markdown(report))
+    logger.info("champion: %s (%s)", champion.variant, champion.rule)
+    logger.info("report: %s", out / "ablation.html")
+    return champion
+
+
+def annotations(shards: ShardedDataset, part: str) -> list[Annotations]:
+    """Annotations of the images in one part of the split."""
+    keys = read_keys(Path("data/split"), part)
+    return [shards.annotations(key) for key in tqdm(keys, f"reading {part} poses", unit="image")]
+
+
+def draw_figures(
+    results: Results,
+    rows: list[VariantRow],
+    constant: dict[str, Any],
+    domain: str,
+    out: Path,
+) -> dict[str, Path]:
+    """Draw the report's figures; returns title -> file."""
+    titled = {
+        variant_title(name, domain, result["title"]): result for name, result in results.items()
+    }
+    curves = {
+        title: PrecisionRecall(
+            **{name: np.array(values) for name, values in result["precision_recall"].items()}
+        )
+        for title, result in titled.items()
+    }
+    learning = {
+        title: [[tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]]
+        for title, result in titled.items()
+    }
+    bins = {title: from_plain(result["binned_errors"]) for title, result in titled.items()}
+    figures = {
+        "Ablation": ablation_figure(rows, constant, domain),
+        "Precision and recall": precision_recall_figure(curves),
+        "Learning curves": learning_curve_figure(learning),
+        "Binned errors": binned_error_figure(bins),
+    }
+    paths = {}
+    for title, figure in figures.items():
+        paths[title] = out / "figures" / f"{title.lower().replace(' ', '_')}.png"
+        save_figure(figure, paths[title])
+    return paths

@@ -1,0 +1,169 @@
+"""The parts of a training: its images, its module and Lightning's Trainer."""
+
+import logging
+import signal
+import warnings
+from dataclasses import asdict
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from lightning import Callback, LightningModule, Trainer
+from lightning.pytorch.callbacks import (
+    EMAWeightAveraging,
+    LearningRateMonitor,
+    Timer,
+    TQDMProgressBar,
+)
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
+
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.core.split_lists import read_keys
+from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.training_data import (
+    RealImages,
+    RenderedImages,
+    TrainingData,
+    TrainingStream,
+    Transform,
+)
+from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.errors import InputError
+from shaftpose.network.building import identity, initial_network
+from shaftpose.network.pose_network import IMAGE_SIDE_PX
+from shaftpose.settings.parts import Augmentation
+from shaftpose.training.curves import Curves
+from shaftpose.training.last_checkpoint import LastCheckpoint
+from shaftpose.training.module import ShaftModule
+from shaftpose.training.recipe import Recipe
+from shaftpose.training.resume import LAST_CHECKPOINT
+from shaftpose.training.validation_metrics import ValidationMetrics
+
+# Hide Lightning's remarks on hardware and its own products; progress and errors still show.
+logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+# Lightning does not know that `TrainingData` starts at the trainer's step.
+warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended before the epoch")
+
+
+def build_module(recipe: Recipe) -> ShaftModule:
+    """The network with its loss and optimiser."""
+    variant, size = recipe.variant, recipe.size
+    network = initial_network(recipe.network())
+    if recipe.training.compile:
+        network.compile()  # in place, so that weight names do not change
+    return ShaftModule(
+        network=network,
+        identity=identity(variant, size),
+        limits=recipe.detection,
+        optimizer=size.optimizer,
+        learning_rate=size.learning_rate,
+        total_steps=size.steps,
+        warmup_steps=size.warmup_steps,
+        frozen_norm_share=recipe.training.frozen_norm_share,
+    )
+
+
+def training_data(
+    recipe: Recipe, skipped: SkippedImages, with_instances: bool = False
+) -> TrainingData:
+    """The images of the run, augmented, with real ones mixed in if the variant has a share of them.
+
+    with_instances: see `RenderedImages`.
+    """
+    settings, size, variant = recipe.training, recipe.size, recipe.variant
+    shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
+    stream = TrainingStream(
+        rendered=RenderedImages(shards, read_keys(lists, "train"), with_instances),
+        real=real_images() if variant.real_share > 0 else None,
+        real_share=variant.real_share,
+        transforms=transforms(settings.augmentation, variant.noise),
+        length=size.steps * size.batch_size,
+        seed=recipe.seed,
+        skipped=skipped if settings.on_damaged == "skip" else None,
+        symmetries=variant.symmetries,
+    )
+    validation = RenderedImages(shards, read_keys(lists, "validation"), with_instances)
+    return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
+
+
+def real_images() -> RealImages:
+    """The training part of the real, or stand-in, images."""
+    return RealImages(read_coco(Path("data/real/train.json")), IMAGE_SIDE_PX)
+
+
+def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
+    """Colour jitter for every variant, and noise if the variant has it."""
+    jitter = ColourJitter(
+        brightness=augmentation.brightness,
+        contrast=augmentation.contrast,
+        saturation=augmentation.saturation,
+        hue_deg=augmentation.hue_deg,
+    )
+    return [jitter, UniformNoise(noise)] if noise else [jitter]
+
+
+def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
+    """A trainer for one pass over the stream. It validates every `validate_every` steps and after
+    the last one, also if `max_hours` ends the training.
+
+    folder: for checkpoints to resume from. Raises InputError if this machine cannot provide
+    `trainer`.
+    """
+    settings, size = recipe.training, recipe.size
+    assert size.precision != "auto"  # see `Recipe.resolved`
+    callbacks: list[Callback] = [
+        TQDMProgressBar(refresh_rate=20),
+        LearningRateMonitor("step"),
+        ValidationMetrics(),
+        TimeLimit(settings.max_hours),
+        LastCheckpoint(folder / LAST_CHECKPOINT, settings.checkpoint_minutes, curves),
+        EndAtOnce(),
+    ]
+    if settings.ema_decay is not None:
+        callbacks.append(EMAWeightAveraging(use_buffers=False, decay=settings.ema_decay))
+    trainer = asdict(recipe.trainer)
+    try:
+        return Trainer(
+            **trainer,
+            precision=size.precision,
+            max_epochs=1,
+            max_steps=size.steps,
+            val_check_interval=min(size.validate_every, size.steps),
+            log_every_n_steps=min(25, size.steps),
+            gradient_clip_val=settings.gradient_clip,
+            logger=[curves],
+            callbacks=callbacks,
+            default_root_dir=folder,
+            enable_model_summary=False,
+            use_distributed_sampler=False,  # `TrainingData` splits the batches among ranks
+        )
+    except (MisconfigurationException, ValueError) as error:
+        reason = " ".join(str(error).split())  # may have several lines
+        raise InputError(f"trainer = {trainer}: {reason}; see conf/trainer") from error
+
+
+class TimeLimit(Timer):
+    """Ends a training after `hours` in total; checkpoints store the elapsed time.
+
+    A resumed training takes one step even if its time is over: Lightning validates after the last
+    step only if it ran that step.
+    """
+
+    def __init__(self, hours: float | None) -> None:
+        super().__init__(None if hours is None else timedelta(hours=hours))
+
+    def on_fit_start(self, trainer: Trainer, *args: Any, **kwargs: Any) -> None:
+        """Skip Lightning's check of the time before the first step."""
+
+
+class EndAtOnce(Callback):
+    """Makes SIGTERM end a training as Ctrl-C does; the training resumes from its checkpoint.
+
+    Lightning would finish the step first. In a distributed training it would hang: its handler
+    broadcasts to ranks that wait for other messages.
+    """
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Replace Lightning's handler; Lightning restores the original one at the end."""
+        signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -1,0 +1,79 @@
+"""The project's metrics on the validation images during training."""
+
+from typing import Any
+
+from lightning import Callback, LightningModule, Trainer
+from torch import Tensor
+
+from shaftpose.core.batches import Batch, Targets
+from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
+from shaftpose.evaluation.average_precision import precision_recall
+from shaftpose.evaluation.metrics import evaluate
+from shaftpose.evaluation.operating_point import best_confidence
+from shaftpose.network.pose_network import IMAGE_SIDE_PX
+
+LOGGED = ("mAP", "detected_rate", *POSE_DIMENSIONS, "axis_deg", "tip_mm")
+
+
+class ValidationMetrics(Callback):
+    """Logs `validation/mAP` and so on at every validation, including one after the last step.
+
+    `validation_step` must return `boxes`, `scores` and `poses` as `decode` does. The confidence
+    threshold is the one with the best F1, as in the exported model.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[Detections] = []
+        self._known: list[Annotations] = []
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Request a stop after the last step: Lightning then validates even if not due."""
+        if trainer.global_step == trainer.max_steps:
+            trainer.should_stop = True
+
+    def on_validation_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Clear the results of the previous validation."""
+        self._found, self._known = [], []
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: Any,
+        batch: Batch,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Keep the detections and annotations of a batch."""
+        self._found += detections(**outputs)
+        self._known += annotations(batch.targets)
+
+    def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Log the metrics that have a value; pose errors have none if nothing was found."""
+        confidence = best_confidence(precision_recall(self._found, self._known))
+        metrics = evaluate(self._found, self._known, confidence).as_dict()
+        known = {name: value for name in LOGGED if (value := metrics[name]) is not None}
+        # Each rank of a distributed training validates on all images: there is nothing to gather.
+        pl_module.log_dict(
+            {f"validation/{name}": value for name, value in known.items()},
+            sync_dist=True,
+            rank_zero_only=True,
+        )
+
+
+def detections(boxes: Tensor, scores: Tensor, poses: Tensor) -> list[Detections]:
+    """Decoded outputs of a batch (B, K, 4), (B, K), (B, K, 5), image by image without padding."""
+    arrays = (values.double().cpu().numpy() for values in (boxes, scores, poses))
+    return [Detections(b[s > 0], s[s > 0], p[s > 0]) for b, s, p in zip(*arrays, strict=True)]
+
+
+def annotations(targets: Targets) -> list[Annotations]:
+    """The targets of a batch, image by image without padding, boxes in pixels."""
+    boxes, poses = (values.double().cpu().numpy() for values in (targets.boxes, targets.poses))
+    valid, has_pose = (values.cpu().numpy() for values in (targets.valid, targets.has_pose))
+    return [
+        Annotations(b[v] * IMAGE_SIDE_PX, p[v] if known else None)
+        for b, p, v, known in zip(boxes, poses, valid, has_pose, strict=True)
+    ]

@@ -1,0 +1,150 @@
+"""Several trainings of one variant as one row: mean and half range."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from shaftpose.errors import InputError
+from shaftpose.nested import flatten
+from shaftpose.report.ablation import VariantRow
+from studies.record import TrainingRecord
+
+
+class Scale(NamedTuple):
+    """The properties that comparable trainings share. `data`: digest of the rendered images and
+    their split; `steps`: steps taken; `settings`: recipe as JSON, including the planned steps."""
+
+    training_images: int
+    test_images: int
+    data: str
+    steps: int
+    settings: str
+
+    @property
+    def recipe(self) -> dict[str, Any]:
+        """The settings by their names in the configuration."""
+        return dict(json.loads(self.settings))
+
+    def sentence(self) -> str:
+        """The scale as a sentence."""
+        size, loss, training = (self.recipe[part] for part in ("size", "loss", "training"))
+        planned = "" if self.steps == size["steps"] else f" of {size['steps']:,} planned"
+        frozen = max(0.0, 1 - size["steps"] * (1 - training["frozen_norm_share"]) / self.steps)
+        return (
+            f"{self.training_images:,} training images, {self.test_images:,} test images; "
+            f"{self.steps:,}{planned} steps of {size['batch_size']} images at width "
+            f"{size['width']:g}, depth {size['depth']:g}, optimiser "
+            f"{size['optimizer'].capitalize()}, precision {size['precision']}, "
+            f"learning rate {size['learning_rate']:g}, batch normalisation frozen in the last "
+            f"{frozen:.0%}; loss weights alpha {loss['alpha']:g}, gamma {loss['gamma']:g}, "
+            f"beta {', '.join(f'{weight:g}' for weight in loss['beta'])}."
+        )
+
+    def file_name(self) -> str:
+        """The scale as part of a file name, which ends with a digest of all fields."""
+        size, steps = self.recipe["size"], f"{self.steps}x{self.recipe['size']['batch_size']}"
+        digest = hashlib.sha256(json.dumps(self).encode()).hexdigest()[:8]
+        shape = f"width_{size['width']:g}_depth_{size['depth']:g}"
+        return f"{self.training_images}_images_{steps}_{shape}_{digest}"
+
+
+def distinctions(scales: Sequence[Scale]) -> list[str]:
+    """For each scale, its values of the settings that differ, such as `training.ema_decay 0.999`.
+
+    Of settings with one name (`size.steps` and the steps taken) and equal values, only the first.
+    """
+    flat = [flatten({**scale._asdict(), "settings": scale.recipe}) for scale in scales]
+    names = list(dict.fromkeys(name for one in flat for name in one))
+    values = {name: [one.get(name) for one in flat] for name in names}
+    differing: dict[str, str] = {}
+    for name in names:
+        if any(value != values[name][0] for value in values[name]):
+            differing.setdefault(f"{name.rpartition('.')[2]} {values[name]}", name)
+    return [
+        ", ".join(
+            f"{name.removeprefix('settings.')} {one.get(name)}" for name in differing.values()
+        )
+        for one in flat
+    ]
+
+
+def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingRecord]]:
+    """The trainings of each scale, in the given order.
+
+    Raises InputError if, within a scale, two trainings share variant and seed, the settings of a
+    variant differ, two variants share a title, or the real images differ.
+    """
+    found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
+    for record in records:
+        row, settings = record.row, json.dumps(record.recipe, sort_keys=True)
+        images = (row.training_images, row.test_images, record.data)
+        scale = Scale(*images, row.steps, settings)
+        alike = found.setdefault(scale, {})
+        if (row.variant, row.seeds) in alike:
+            raise InputError(
+                f"reports/trainings/{row.variant}-{row.seeds[0]}-*.json: two records with the same "
+                "settings; delete one of them"
+            )
+        alike[row.variant, row.seeds] = record
+    scales = {scale: list(alike.values()) for scale, alike in found.items()}
+    for trainings in scales.values():
+        _check_alike(trainings)
+    return scales
+
+
+def _check_alike(records: Sequence[TrainingRecord]) -> None:
+    """Raise InputError unless trainings of one scale agree in what only some of them have, which
+    is therefore not part of the scale."""
+    for one, other in combinations(records, 2):
+        pair = " and ".join(
+            f"reports/trainings/{record.row.variant}-{record.row.seeds[0]}-*.json"
+            for record in (one, other)
+        )
+        if one.row.variant == other.row.variant and one.variant != other.variant:
+            raise InputError(
+                f"{pair}: trained with different settings of the variant ({one.variant} and "
+                f"{other.variant}); delete one, or train it as a separate variant"
+            )
+        if one.row.variant != other.row.variant and one.row.title == other.row.title:
+            raise InputError(
+                f"{pair}: two variants with the title {one.row.title!r}; change one title in "
+                "conf/variant/ and record it again"
+            )
+        if one.real and other.real and one.real != other.real:
+            raise InputError(
+                f"{pair}: trained on different real images ({one.real} and {other.real}); delete "
+                "one"
+            )
+
+
+def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:
+    """One row for each variant in trainings of one scale, in order of first occurrence."""
+    found: dict[str, list[VariantRow]] = {}
+    for record in records:
+        found.setdefault(record.row.variant, []).append(record.row)
+    return [repeated(rows) for rows in found.values()]
+
+
+def repeated(rows: Sequence[VariantRow]) -> VariantRow:
+    """Trainings of one variant with different seeds, as one row.
+
+    It has the mean of each metric, or None if a training lacks it, and half the range as `spread`.
+    A single training is unchanged.
+    """
+    if len(rows) == 1:
+        return rows[0]
+    metrics: dict[str, float | int | None] = {}
+    spread: dict[str, float | int | None] = {}
+    for name in rows[0].metrics:
+        values = [value for row in rows if (value := row.metrics.get(name)) is not None]
+        complete = len(values) == len(rows)
+        metrics[name] = float(np.mean(values)) if complete else None
+        if complete:
+            spread[name] = float(np.ptp(values)) / 2
+    seeds = tuple(seed for row in rows for seed in row.seeds)
+    return replace(rows[0], metrics=metrics, spread=spread, seeds=seeds)

@@ -1,0 +1,107 @@
+"""Evaluate trainings of a sweep and record them for docs/results.md.
+
+`python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
+evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`. The
+settings are those of params.yaml, with the overrides of the training's command given by `--with`.
+"""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from shaftpose.errors import InputError
+from shaftpose.evaluation.binned_errors import from_plain
+from shaftpose.evaluation.common_instruments import FoundInstruments
+from shaftpose.json_files import read_json, write_json
+from shaftpose.network.checkpoint import identity_of
+from shaftpose.report.ablation import variant_row
+from shaftpose.training.data_identity import rendered_digest
+from studies.record import (
+    TrainingRecord,
+    validation_curves,
+    whole,
+)
+
+RECORDS = Path("reports/trainings")
+
+
+def main() -> None:
+    """Evaluate each folder of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folders", nargs="+", type=Path, help="folders of finished trainings")
+    parser.add_argument("--with", nargs="*", default=[], dest="settings", help="Hydra's overrides")
+    arguments = parser.parse_args()
+    try:
+        data = rendered_digest()
+        for folder in arguments.folders:
+            check(folder, data)
+        for folder in arguments.folders:
+            evaluate(folder, arguments.settings)
+            print(f"recorded in {record(folder)}")
+    except InputError as error:
+        sys.exit(f"error: {error}")
+
+
+def check(folder: Path, data: str) -> None:
+    """Raise InputError unless the folder holds a finished training on the images in data/, which
+    have the digest `data`."""
+    training = noted(folder)
+    with whole(str(folder / "training.json"), "train again"):
+        # `record` needs these keys.
+        trained, *_ = (training[key] for key in ("data", "real", "recipe", "variant"))
+    if trained != data:
+        raise InputError(
+            f"{folder}: was trained on other images than those in data/: run `dvc repro split` "
+            "with the settings of its images"
+        )
+    variant_of(folder)
+
+
+def noted(folder: Path) -> dict[str, Any]:
+    """The facts that the train stage recorded about a finished training."""
+    remedy = "run the training, or its sweep, to its end, or leave the folder out"
+    training: dict[str, Any] = read_json(folder / "training.json", remedy)
+    return training
+
+
+def evaluate(folder: Path, settings: list[str]) -> None:
+    """Export the folder's checkpoint and evaluate it in the same folder.
+
+    The model's own confidence threshold replaces that of params.yaml. Raises InputError if a stage
+    fails.
+    """
+    places = [f"variant={variant_of(folder)}", f"model_folder={folder}", f"out={folder}"]
+    for stage in ("export", "evaluate"):
+        script = [sys.executable, f"pipelines/{stage}.py", *places, *settings]
+        if subprocess.run([*script, "detection.confidence_threshold=null"]).returncode:
+            raise InputError(f"{folder}: {stage} failed, see above; give its settings by --with")
+
+
+def variant_of(folder: Path) -> str:
+    """The variant stated in the folder's checkpoint. Raises InputError if there is none."""
+    return str(identity_of(folder / "model.ckpt")["variant"])
+
+
+def record(folder: Path) -> Path:
+    """Write the record of the training for `make results`; returns its path."""
+    training, result = noted(folder), read_json(folder / "evaluation.json", "evaluate it again")
+    variant = variant_of(folder)
+    one = TrainingRecord(
+        row=variant_row(variant, result),
+        recipe={**training["recipe"], "detection": result["detection"]},
+        variant=training["variant"],
+        data=training["data"],
+        real=training["real"],
+        binned_errors=from_plain(result["binned_errors"]),
+        found=FoundInstruments(**result["found"]),
+        curves=validation_curves(result["curves"]),
+    )
+    path = RECORDS / f"{variant}-{training['seed']}-{training['training_id'][:8]}.json"
+    write_json(path, one.as_plain())
+    return path
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Comparison of a model stored in fewer bytes with the exported one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from shaftpose.core.instruments import Annotations
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.deployment.prediction import predict
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.evaluation.metrics import Metrics, evaluate
+from shaftpose.evaluation.pose_errors import pose_errors
+from shaftpose.report.report_tables import show
+
+# Limits: change of the mAP, mean change of poses as a share of their mean error, and least share of
+# common detections, as rounding moves a few scores across the confidence threshold.
+MAP_CHANGE, POSE_CHANGE, LEAST_SHARED = 0.005, 0.05, 0.95
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The exported and the stored model on the same images.
+
+    shared: share of the exported model's detections that the stored one also has; moved: mean
+    absolute differences of their poses by metric name, mm and deg; None if nothing is shared.
+    """
+
+    exported: Metrics
+    stored: Metrics
+    shared: float
+    moved: Mapping[str, float | None]
+
+    @property
+    def map_change(self) -> float:
+        """The stored model's mAP minus the exported one's."""
+        return (self.stored.mAP or 0.0) - (self.exported.mAP or 0.0)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the stored model is as good as the exported one."""
+        errors = ("tip_mm", self.exported.tip_mm), ("axis_deg", self.exported.axis_deg)
+        close = [(self.moved[name] or 0.0) <= POSE_CHANGE * (own or 0.0) for name, own in errors]
+        return self.shared >= LEAST_SHARED and abs(self.map_change) <= MAP_CHANGE and all(close)
+
+    def __str__(self) -> str:
+        moved = ", ".join(f"{name} {show(value, 4)}" for name, value in self.moved.items())
+        return (
+            f"{100 * self.shared:.2f} % of the exported model's detections are shared, the mAP "
+            f"changes by {self.map_change:+.5f}, their poses on average by {moved}"
+        )
+
+
+def compare(
+    exported: Predictor, stored: Predictor, shards: ShardedDataset, keys: Sequence[str]
+) -> Comparison:
+    """Compare both models on these images at the exported model's confidence threshold."""
+    known, confidence = [shards.annotations(key) for key in keys], exported.confidence
+    first, second = (
+        predict(model, (shards.rgb(key) for key in keys), len(keys)) for model in (exported, stored)
+    )
+    counted = [found.above(confidence) for found in first]
+    moved = pose_errors(second, [Annotations(f.boxes, f.poses) for f in counted], confidence)
+    return Comparison(
+        exported=evaluate(first, known, confidence),
+        stored=evaluate(second, known, confidence),
+        shared=len(moved.tip_mm) / max(1, sum(len(found.boxes) for found in counted)),
+        moved=moved.means(),
+    )

@@ -1,0 +1,30 @@
+"""Tables of a documentation page, each between a pair of markers."""
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from shaftpose.errors import InputError
+
+
+def rewrite(path: Path, change: Callable[[str], str]) -> None:
+    """Apply `change` to a page. An InputError ends the command with one line and status 1."""
+    try:
+        path.write_text(change(path.read_text()))
+    except InputError as error:
+        sys.exit(f"error: {error}")
+
+
+def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -> str:
+    """The page with each table between the markers of its name.
+
+    command: writes the tables, as stated in the markers; name: the page's, for messages. Raises
+    InputError if the page lacks a marker.
+    """
+    for table, text in tables.items():
+        start, end = f"<!-- {table}: {command} -->\n", f"<!-- end of {table} -->"
+        if not 0 <= page.find(start) < page.find(end):
+            raise InputError(f"{name}: lacks the markers {start.strip()!r} and {end!r}; add them")
+        before, _, rest = page.partition(start)
+        page = f"{before}{start}\n{text}\n\n{end}{rest.partition(end)[2]}"
+    return page

@@ -1,0 +1,96 @@
+"""Write docs/results.md and draw its pictures of repeated trainings: `make results`.
+
+All content comes from the result files in the repository; the rounding errors of pose classes come
+from the variants' files.
+"""
+
+import csv
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from shaftpose.core.figure_style import save_figure
+from shaftpose.errors import InputError
+from shaftpose.json_files import read_json
+from shaftpose.report.ablation import AblationReport, Champion
+from studies.architecture_tables import rounding_table
+from studies.record import TrainingRecord, read_record, read_row, whole
+from studies.results_page import Table, to_page
+from studies.table import PICTURES, repeated_figures
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs/results.md"
+
+
+def main() -> None:
+    """Write the page and its pictures."""
+    try:
+        PAGE.write_text(page(ROOT))
+        draw(repeated_figures(records(ROOT)), PAGE.parent)
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    print(f"written to {PAGE.relative_to(ROOT)}")
+
+
+def draw(figures: Mapping[str, Figure], folder: Path) -> None:
+    """Draw the figures, given by path in `folder`, and remove those of other records."""
+    for name, figure in figures.items():
+        save_figure(figure, folder / name)
+    drawn = {folder / name for name in figures}
+    for path in [found for kind in PICTURES for found in folder.glob(f"images/{kind}_*.png")]:
+        if path not in drawn:
+            path.unlink()
+
+
+def page(root: Path) -> str:
+    """The page for the results below `root`."""
+    benchmarks = contents(root / "benchmarks/results")
+    return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks)
+
+
+def records(root: Path) -> list[TrainingRecord]:
+    """The records of single trainings, sorted by variant and seed."""
+    found = [
+        read_record(content, f"reports/trainings/{name}.json")
+        for name, content in contents(root / "reports/trainings").items()
+    ]
+    return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
+
+
+def sweeps(root: Path) -> dict[str, Table]:
+    """The tables of sweeps by name."""
+    found = sorted((root / "reports/sweeps").glob("*.csv"))
+    return {path.stem: list(csv.reader(path.read_text().splitlines())) for path in found}
+
+
+def report_of(root: Path) -> AblationReport:
+    """The recorded report. Raises InputError if there is none, or one of another version."""
+    recorded, remedy = root / "reports/ablation.json", "run `make report`"
+    content = read_json(recorded, remedy)
+    with whole(str(recorded), remedy):
+        return read_report(content)
+
+
+def read_report(content: dict[str, Any]) -> AblationReport:
+    """The report that the pipeline wrote as ablation.json."""
+    return AblationReport(
+        rows=[read_row(row) for row in content["variants"]],
+        constant=content["constant_predictor"],
+        silhouette=content["silhouette"],
+        domain_label=content["domain_label"],
+        champion=Champion(**content["champion"]),
+        profile=content["profile"],
+    )
+
+
+def contents(folder: Path) -> dict[str, Any]:
+    """The JSON files of a folder by name."""
+    remedy = "restore it from git, or generate it again"
+    return {path.stem: read_json(path, remedy) for path in sorted(folder.glob("*.json"))}
+
+
+if __name__ == "__main__":
+    main()

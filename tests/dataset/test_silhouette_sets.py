@@ -1,0 +1,69 @@
+"""Image sets of the stage `evaluate_real`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.dataset.silhouette_sets import silhouette_sets
+
+SIDE = 32
+GREY = np.full((SIDE, SIDE, 3), 128, dtype=np.uint8)
+MASK = np.zeros((SIDE, SIDE), dtype=bool)
+MASK[4:12, 8:24] = True
+BOX = (8, 4, 24, 12)
+CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+DISTORTED = replace(CAMERA, k1=-0.02, k2=0.01, field_px=30.0)
+
+
+def write_rendered(folder: Path) -> None:
+    """One image with one shaft."""
+    pose = ShaftPose.from_array(np.array([0.0, 0.0, 20.0, 70.0, 10.0]))
+    shaft = Instrument(pose, MASK, MASK)
+    with ShardWriter(folder / shard_name(0), jpeg_quality=90) as writer:
+        writer.write(Sample(sample_key(0), GREY, (shaft,), DISTORTED, {}))
+
+
+def write_real(folder: Path, occluded: list[bool]) -> None:
+    """Write one image with a shaft for each entry of `occluded`, and one without shafts."""
+    boxes = np.array([BOX], dtype=float)
+    samples = [RealSample(GREY, boxes, (MASK,), hidden) for hidden in occluded]
+    samples.append(RealSample(GREY, np.empty((0, 4)), (), False))
+    named = [(f"images/{n}.jpg", sample) for n, sample in enumerate(samples)]
+    for name, sample in named:
+        write_jpeg(sample.rgb, folder / name)
+    write_coco(folder / "test.json", named, with_masks=True, description="")
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in ("clear", "occluded"):
+        write_rendered(tmp_path / "data/render" / name)
+    return tmp_path
+
+
+@pytest.mark.parametrize("domain", ["real", "stand-in"])
+def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
+    write_real(project / "data/real", [True, False, True])
+    sets = silhouette_sets(CAMERA, domain)
+    assert {name: len(images) for name, images in sets.items()} == {
+        "rendered/clear": 1, "rendered/occluded": 1, f"{domain}/clear": 1, f"{domain}/occluded": 2,
+    }  # fmt: skip
+    for images in sets.values():
+        np.testing.assert_allclose(images[0].known.boxes, [BOX])
+        np.testing.assert_array_equal(images[0].masks[0], MASK)
+    assert sets["rendered/clear"][0].known.poses is not None
+    assert sets["rendered/clear"][0].camera == DISTORTED
+    assert sets[f"{domain}/clear"][0].camera == CAMERA
+    assert sets[f"{domain}/clear"][0].known.poses is None
+
+
+def test_a_set_without_images_is_left_out(project: Path) -> None:
+    write_real(project / "data/real", [False])
+    assert "stand-in/occluded" not in silhouette_sets(CAMERA, "stand-in")

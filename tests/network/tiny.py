@@ -1,0 +1,23 @@
+"""A network small enough for tests, and the paper's loss and limits."""
+
+import torch
+
+from shaftpose.network.heads import ArchitectureD
+from shaftpose.network.inception_v4 import InceptionV4Features
+from shaftpose.network.loss import ShaftLoss
+from shaftpose.network.pose_coding import PoseCoder
+from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.settings.parts import DetectionSettings
+
+LIMITS = DetectionSettings(top_k=250, nms_iou=0.5, max_detections=20, confidence_threshold=None)
+
+
+def paper_loss() -> ShaftLoss:
+    """The loss with the paper's weights."""
+    return ShaftLoss(alpha=1.5, beta=(1, 1, 2, 2, 2), gamma=5.0)
+
+
+def tiny_d(coder: PoseCoder) -> SingleShotNetwork:
+    """Architecture D with reproducible weights."""
+    torch.manual_seed(0)
+    return SingleShotNetwork(InceptionV4Features(0.1875, 0.25), ArchitectureD, coder, paper_loss())

@@ -1,0 +1,150 @@
+"""dvc.yaml lists the dependencies of each stage's results: folders of code, settings and data."""
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from shaftpose.source_code import imported_names, source_files
+from tests.pipeline.conftest import ROOT
+
+STAGES: dict[str, Any] = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
+MOST_CODE_ENTRIES = 50
+PACKAGE = "src/shaftpose/"
+# dvc.yaml explains why they are not listed. The detector's curves are in no report.
+NOT_LISTED = {"farm", "tracking.py", "nested.py", "sweep.py"}
+NOT_OF_STAGE = {"detector": {"evaluation"}}
+# Code that a stage imports by a class name in a file of conf/.
+NAMED_IN_CONF = {"detector": {"network"}, "train": {"network"}, "export": {"network"}}
+
+# Attributes of `Settings` -> parameters in dvc.yaml. Sizes are listed one by one.
+PARAMETERS = {
+    "rendering": {"camera", "poses", "shaft", "scene", "lens", "render"},
+    "rendering.camera": {"camera"},
+    "rendering.poses": {"poses"},
+    "stand_in": {"camera", "poses", "shaft", "scene", "lens", "render", "real"},
+    "real_source": {"real"},
+}
+# Paths, place of computation and tracking.
+FREE = {"out", "results", "model_folder", "tracking", "cluster", "variant.name"}
+WITHOUT_EFFECT = {
+    # Used only for validation metrics, and as a name.
+    "train": {"detection", "profile"},
+    # Building a network needs only the shape of the loss; the file states parts of the shaft.
+    "export": {"loss", "render", "scene", "lens", "shaft"},
+    # A silhouette depends only on camera, lens and shaft.
+    "evaluate_real": {"poses", "scene", "render"},
+    "validate": {"render"},
+    # Listed key by key; the camera's image size is constant.
+    "backgrounds": {"backgrounds", "camera"},
+}
+
+
+def entries(stage: str, kind: str) -> list[Any]:
+    found: list[Any] = STAGES[stage].get(kind, [])
+    return found
+
+
+def paths(stage: str, kind: str) -> set[str]:
+    return {
+        p for entry in entries(stage, kind) for p in ([entry] if isinstance(entry, str) else entry)
+    }
+
+
+def script(stage: str) -> Path:
+    found = re.search(r"pipelines/\w+\.py", STAGES[stage]["cmd"])
+    assert found
+    return ROOT / found.group()
+
+
+def folders_reached(stage: str) -> set[str]:
+    """The folders, or single files, of the package that the stage's script imports code from."""
+    files = source_files(imported_names(ast.parse(script(stage).read_text())))
+    parts = {path.relative_to(ROOT / PACKAGE).parts[0] for path in files}
+    return (parts | NAMED_IN_CONF.get(stage, set())) - NOT_LISTED - NOT_OF_STAGE.get(stage, set())
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_lists_the_code_that_it_reaches_and_no_other(stage: str) -> None:
+    listed = {p.removeprefix(PACKAGE) for p in paths(stage, "deps") if p.startswith(PACKAGE)}
+    assert listed == folders_reached(stage)
+    assert script(stage).relative_to(ROOT).as_posix() in paths(stage, "deps")
+
+
+def test_the_list_of_code_is_short() -> None:
+    code = [p for s in STAGES for p in paths(s, "deps") if p.startswith(("src/", "pipelines/"))]
+    assert len(code) <= MOST_CODE_ENTRIES
+
+
+def test_farm_and_report_retrain_nothing() -> None:
+    for stage in ("render", "detector", "train"):
+        assert not paths(stage, "deps") & {f"{PACKAGE}farm", f"{PACKAGE}report", "studies"}
+
+
+def settings_read(stage: str) -> set[str]:
+    """`settings.a.b` -> a.b, in the stage's script and in the code that receives all settings."""
+    sources = [script(stage)]
+    if stage in ("train", "detector"):
+        sources.append(ROOT / PACKAGE / "training/recipe.py")
+    texts = [path.read_text() for path in sources]
+    return {
+        name
+        for text in texts
+        for name in re.findall(r"(?<!\.)\bsettings\.([a-z_]+(?:\.[a-z_]+)?)", text)
+    }
+
+
+def parameters_read(stage: str) -> set[str]:
+    found: set[str] = set()
+    for name in settings_read(stage) - FREE:
+        part = name.partition(".")[0]
+        found |= (
+            PARAMETERS.get(name) or PARAMETERS.get(part) or {name if part in ("split",) else part}
+        )
+    return found - FREE
+
+
+def parameters_listed(stage: str) -> set[str]:
+    """Top-level keys; sizes of a profile as `size`, a variant's file as `variant`."""
+    found = set()
+    for entry in entries(stage, "params"):
+        for file, keys in ({"params.yaml": [entry]} if isinstance(entry, str) else entry).items():
+            if file == "params.yaml":
+                found |= {key.partition(".")[0] for key in keys}
+            else:
+                folder = file.split("/")[1]
+                found.add({"profiles.yaml": "size", "config.yaml": "trainer"}.get(folder, folder))
+    return found
+
+
+@pytest.mark.parametrize("stage", [name for name in STAGES if name != "detector"])
+def test_a_stage_lists_the_settings_that_it_reads(stage: str) -> None:
+    read = parameters_read(stage) - WITHOUT_EFFECT.get(stage, set())
+    assert read <= parameters_listed(stage)
+
+
+def test_the_detector_lists_what_train_lists_but_for_poses_and_real_images() -> None:
+    def listed(stage: str) -> set[str]:
+        text = str(entries(stage, "params")).replace("${item.variant}", "detector")
+        return set(re.findall(r"[\w.${}/]+", text))
+
+    assert listed("train") - listed("detector") == {"loss", "${profile}.steps"}
+    assert listed("detector") - listed("train") == {"loss.alpha", "${profile}.detector_steps"}
+    extra = paths("train", "deps") - paths("detector", "deps")
+    assert extra == {"data/real", "models/detector/model.ckpt", f"{PACKAGE}evaluation"}
+
+
+def test_every_profile_has_the_listed_sizes() -> None:
+    names = set(re.findall(r"\$\{profile\}\.(\w+)", (ROOT / "dvc.yaml").read_text()))
+    for profile, sizes in yaml.safe_load((ROOT / "conf/profiles.yaml").read_text()).items():
+        assert names <= sizes.keys(), f"{profile} lacks {names - sizes.keys()}"
+
+
+def test_the_trainer_is_the_one_that_conf_chooses() -> None:
+    defaults = yaml.safe_load((ROOT / "conf/config.yaml").read_text())["defaults"]
+    (chosen,) = [entry["trainer"] for entry in defaults if "trainer" in entry]
+    listed = set(re.findall(r"conf/trainer/(\w+)\.yaml", (ROOT / "dvc.yaml").read_text()))
+    assert listed == {chosen}

@@ -1,0 +1,144 @@
+"""The folder of an unfinished training, and the fingerprint that distinguishes trainings."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shaftpose.core.shards import shard_name
+from shaftpose.errors import InputError
+from shaftpose.training import resume
+from shaftpose.training.data_identity import about_data
+from shaftpose.training.recipe import Recipe, code_files, fingerprint
+from shaftpose.training.resume import LAST_CHECKPOINT, kept
+from tests.pipeline.conftest import recipe_with
+
+
+@pytest.fixture(scope="module")
+def recipe() -> Recipe:
+    return recipe_with("profile=smoke")
+
+
+def identity(recipe: Recipe) -> str:
+    return fingerprint(recipe, about_data(with_real=False, start=None))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"seed": 8},
+        {"poses": {"x_mm": (-10.0, 10.0)}},
+        {"loss": {"alpha": 0.25}},
+        {"loss": {"beta": (1.0, 1.0, 1.0, 1.0, 1.0)}},
+        {"size": {"width": 0.25}},
+        {"size": {"steps": 7}},
+        {"size": {"optimizer": "adam"}},
+        {"variant": {"noise": 5}},
+        {"variant": {"start": None}},
+        {"variant": {"network": {"_target_": "shaftpose.network.single_shot.other"}}},
+        {"training": {"gradient_clip": 1.0}},
+        {"training": {"frozen_norm_share": 0.5}},
+        {"trainer": {"strategy": "ddp"}},
+    ],
+)
+def test_what_determines_a_training_makes_another_one(
+    inside: Path, recipe: Recipe, changed: dict[str, Any]
+) -> None:
+    assert identity(with_changes(recipe, changed)) != identity(recipe)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"variant": {"title": "another"}},
+        {"training": {"loader_workers": 7}},
+        {"training": {"checkpoint_minutes": 7.0}},
+        {"training": {"max_hours": 7.0}},
+        {"detection": {"nms_iou": 0.4}},
+    ],
+)
+def test_what_changes_nothing_may_change_in_between(
+    inside: Path, recipe: Recipe, changed: dict[str, Any]
+) -> None:
+    assert identity(with_changes(recipe, changed)) == identity(recipe)
+
+
+def with_changes(recipe: Recipe, changed: dict[str, Any]) -> Recipe:
+    """The recipe with values, or values inside its parts, replaced."""
+    parts = {
+        name: replace(getattr(recipe, name), **value) if isinstance(value, dict) else value
+        for name, value in changed.items()
+    }
+    return replace(recipe, **parts)
+
+
+def test_the_code_of_a_variants_own_network_is_hashed_and_no_other() -> None:
+    """So a change of a head in its own file retrains nothing else."""
+    b, d = ({path.name for path in code_files(recipe_with(f"variant={v}"))} for v in ("b", "d"))
+    assert b - d == {"classification_head.py", "pose_bins.py"}
+    assert d - b == set()
+    assert {"module.py", "muon.py", "loss.py", "inception_v4.py", "average_precision.py"} <= d
+    assert not d & {"cluster.py", "report.py", "tracking.py", "stage.py", "files.py"}
+
+
+@pytest.mark.parametrize(
+    ("name", "with_real"),
+    [
+        (f"data/render/images/{shard_name(1)}", False),
+        ("data/split/train.csv", False),
+        ("data/split/validation.csv", False),
+        ("data/real/train.json", True),
+        ("data/real/images/1.jpg", True),
+    ],
+)
+def test_other_data_make_another_training(
+    inside: Path, recipe: Recipe, name: str, with_real: bool
+) -> None:
+    before = fingerprint(recipe, about_data(with_real, start=None))
+    content = (inside / name).read_bytes()
+    (inside / name).write_bytes(content + b" ")
+    after = fingerprint(recipe, about_data(with_real, start=None))
+    (inside / name).write_bytes(content)
+    assert after != before
+    assert fingerprint(recipe, about_data(with_real, start=None)) == before
+
+
+def test_another_detector_to_start_from_makes_another_training(
+    recipe: Recipe, inside: Path, tmp_path: Path
+) -> None:
+    first, second, copy = (tmp_path / name for name in ("first", "second", "copy"))
+    for path, content in ((first, b"1"), (second, b"2"), (copy, b"1")):
+        path.mkdir()
+        (path / "model.ckpt").write_bytes(content)
+    prints = [
+        fingerprint(recipe, about_data(False, path / "model.ckpt"))
+        for path in (first, second, copy)
+    ]
+    assert prints[0] == prints[2] != prints[1]
+    assert identity(recipe) not in prints
+    with pytest.raises(InputError, match="gone.ckpt: no such detector.*dvc repro detector"):
+        about_data(False, tmp_path / "gone.ckpt")
+
+
+def test_an_interrupted_training_keeps_its_checkpoint_and_its_id(tmp_path: Path) -> None:
+    folder = tmp_path / "training" / "abc"
+    with pytest.raises(KeyError), kept(folder) as first:
+        (folder / LAST_CHECKPOINT).touch()
+        raise KeyError
+    with kept(folder) as second:
+        assert (folder / LAST_CHECKPOINT).exists()
+    assert first == second
+    assert not (folder / LAST_CHECKPOINT).exists()
+
+
+def test_two_processes_do_not_share_a_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resume, "_PATIENCE_S", 0.0)
+    with (
+        kept(tmp_path / "abc"),
+        pytest.raises(InputError, match="abc.lock: another process"),
+        kept(tmp_path / "abc"),
+    ):
+        pass

@@ -1,0 +1,180 @@
+"""The report's texts: complete, honest about what is missing, and self-contained."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from shaftpose.core.figure_style import save_figure
+from shaftpose.errors import InputError
+from shaftpose.report import paper_tables
+from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
+from shaftpose.report.report import to_html, to_json, to_markdown
+
+METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}
+RULE = "The lowest mean tip error on the validation images."
+
+
+def row(variant: str, title: str = "") -> VariantRow:
+    mixed_in = 100 if variant == "d_noise_real" else 0
+    return VariantRow(
+        variant, METRICS, 900, 100, 3000, 16, 0.25, 0.5, "muon", 700, (0,), 1_234_567, mixed_in,
+        title,
+    )  # fmt: skip
+
+
+def score(rate: float, iou: float | None) -> dict[str, float | int | None]:
+    return {"detected_rate": rate, "iou": iou, "images": 20, "instruments": 31}
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> AblationReport:
+    path = tmp_path / "figure.png"
+    save_figure(Figure(figsize=(1, 1)), path)
+    silhouette = {
+        "d_noise": {"rendered/clear": score(0.91, 0.52), "stand-in/clear": score(0.61, 0.22)},
+        "mine": {"stand-in/clear": score(0.63, None), "stand-in/occluded": score(0.64, 0.24)},
+    }
+    rows = [row("c"), row("d"), row("d_noise"), row("d_noise_real"), row("mine", "D <wide> | deep")]
+    constant = {"mAP": 0.001, "x_mm": 10.17}
+    champion = Champion("d_noise", RULE)
+    return AblationReport(
+        rows, constant, silhouette, "stand-in", champion, "demo", {"Curves": path}
+    )
+
+
+def markdown_line(text: str, start: str) -> list[str]:
+    line = next(line for line in text.splitlines() if line.startswith(start))
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+
+
+def test_markdown_sets_the_paper_beside_ours(report: AblationReport):
+    text = to_markdown(report)
+    assert markdown_line(text, "| D |")[:6] == [
+        "D", "90,000 / 900", "n/a / 3,000", "0.949 / 0.812", "0.956 / 0.700", "0.81 / 2.35",
+    ]  # fmt: skip
+    assert markdown_line(text, "| **D + noise** |")[3] == "0.965 / 0.812"
+    assert markdown_line(text, "| Constant predictor |")[3:6] == ["0.001", "n/a", "10.17"]
+
+
+def test_missing_and_nan_values_read_not_available(report: AblationReport):
+    cells = markdown_line(to_markdown(report), "| D |")
+    assert cells[9] == "5.30 / n/a"  # our yaw is NaN
+    assert cells[11] == "n/a / n/a"  # neither has a tip error
+    for text in (to_markdown(report), to_html(report), to_json(report)):
+        assert not re.search(r"\bnan\b", text, re.IGNORECASE)
+        assert "None" not in text
+
+
+def test_every_variant_appears_in_every_form(report: AblationReport):
+    titles = ["C", "D", "D + noise", "D + noise + stand-in"]
+    page, text = to_html(report), to_markdown(report)
+    for title in titles:
+        assert re.search(rf"<th scope=\"rowgroup\" rowspan=\"2\">{re.escape(title)}<", page)
+        assert markdown_line(text, f"| {title} |" if title != "D + noise" else "| **D + noise** |")
+    content = json.loads(to_json(report))
+    names = [entry["variant"] for entry in content["variants"]]
+    assert names == ["c", "d", "d_noise", "d_noise_real", "mine"]
+
+
+def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationReport):
+    cells = markdown_line(to_markdown(report), "| D <wide>")
+    assert cells[:5] == ["D <wide> \\| deep", "900", "3,000", "0.812", "0.700"]
+    page = to_html(report)
+    assert '<th scope="row">D &lt;wide&gt; | deep' in page and "<wide>" not in page
+    assert json.loads(to_json(report))["variants"][-1]["paper"] is None
+    assert variant_title("untitled", "real") == "untitled"
+    assert variant_title("mine", "stand-in", "C + real + wide") == "C + stand-in + wide"
+
+
+def test_the_scale_stands_under_the_tables(report: AblationReport):
+    for text in (to_markdown(report), to_html(report)):
+        assert "900 training images (at most 1 % of the paper" in text
+        assert "100 test images, 3,000 steps, batch 16, backbone width 0.25, depth 0.5" in text
+        assert "20 images with 31 instruments" in text
+        assert RULE in text
+    assert markdown_line(to_markdown(report), "| Variant | Tr")[1] == "Training images"
+
+
+def test_the_networks_of_variants_are_told_by_width_and_depth(report: AblationReport):
+    lines = [line.split(" | ") for line in to_markdown(report).splitlines()]
+    headings, _, _, d, *_ = lines[next(n for n, line in enumerate(lines) if "Width" in line) :]
+    setup = dict(zip(headings, d, strict=True))
+    assert (setup["| Variant"], setup["Width"], setup["Depth"]) == ("| D", "0.25", "0.5")
+
+
+def test_mixed_in_images_are_counted(report: AblationReport):
+    told = (
+        "D + noise + stand-in: 100 stand-in images were mixed in with the rendered ones; "
+        "the paper's D + noise + real has real ones."
+    )
+    assert told in to_markdown(report)
+    assert to_markdown(report).count("mixed in") == 1
+    real = to_markdown(measured_on_real(report))
+    assert "D + noise + real: 100 real images were mixed in with the rendered ones." in real
+
+
+def test_stand_ins_are_never_shown_as_real(report: AblationReport):
+    text, page, content = to_markdown(report), to_html(report), json.loads(to_json(report))
+    assert markdown_line(text, "| real / stand-in |")[2] == "0.700 / 0.610"
+    assert markdown_line(text, "| stand-in |")[1:] == [
+        "D <wide> \\| deep", "0.630", "n/a", "0.640", "0.240",
+    ]  # fmt: skip
+    assert "not evidence about real ones" in page
+    assert re.search(r'<td class="text">stand-in</td>\s*<td class="text">ours</td>', page)
+    assert not re.search(r'<td class="text">real</td>\s*<td class="text">ours</td>', page)
+    assert set(content["silhouette"]["d_noise"]) == {"rendered/clear", "stand-in/clear"}
+
+
+def measured_on_real(report: AblationReport) -> AblationReport:
+    silhouette = {
+        variant: {name.replace("stand-in", "real"): score for name, score in sets.items()}
+        for variant, sets in report.silhouette.items()
+    }
+    return replace(report, domain_label="real", silhouette=silhouette)
+
+
+def test_measured_real_images_are_called_real(report: AblationReport):
+    real = measured_on_real(report)
+    for text in (to_markdown(real), to_html(real), to_json(real)):
+        assert "stand-in" not in text
+    assert markdown_line(to_markdown(real), "| real / real |")[2] == "0.700 / 0.610"
+
+
+def test_an_unclear_domain_is_refused(report: AblationReport):
+    with pytest.raises(InputError, match="domain_label is 'synthetic'"):
+        replace(report, domain_label="synthetic")
+
+
+def test_html_needs_no_other_file(report: AblationReport):
+    page = to_html(report)
+    assert not re.search(r"https?://|<script|<link|@import|url\(", page)
+    sources = re.findall(r'src="([^"]*)"', page)
+    assert len(sources) == 1 and sources[0].startswith("data:image/png;base64,iVBORw0KGgo")
+
+
+def test_a_missing_figure_is_named(report: AblationReport):
+    lost = replace(report, figures={"Curves": Path("nowhere/curves.png")})
+    with pytest.raises(InputError, match="nowhere/curves.png"):
+        to_html(lost)
+
+
+def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
+    content = json.loads(to_json(report))
+    d = content["variants"][1]
+    assert d["metrics"]["mAP"] == 0.8121 and d["metrics"]["yaw_deg"] is None
+    assert d["paper"]["yaw_deg"] == 5.30 and d["training_images"] == 900
+    assert content["silhouette"]["mine"]["stand-in/clear"]["iou"] is None
+
+
+def test_paper_tables_hold_the_papers_numbers():
+    c, real = paper_tables.TABLE_I["c"], paper_tables.TABLE_I["d_noise_real"]
+    assert (c.mAP, c.detected_rate, c.x_mm, c.yaw_deg) == (0.958, 0.937, 1.51, 13.58)
+    assert (real.detected_rate, real.z_mm, real.pitch_deg) == (0.988, 0.77, 1.44)
+    assert paper_tables.TABLE_I["d"].fps == 30.4
+    assert paper_tables.TABLE_II["d_noise"]["real/occluded"].iou == 0.195
+    assert paper_tables.TABLE_II["d_noise_real"]["rendered/clear"].detected_rate == 0.950
+    assert "rendered/clear" not in paper_tables.TABLE_II["d_noise"]

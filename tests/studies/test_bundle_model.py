@@ -1,0 +1,194 @@
+"""Bundling of a finished training's model with the package."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from onnx import ModelProto, numpy_helper
+
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.dataset.split import Split, write_split
+from shaftpose.deployment import bundled
+from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model
+from shaftpose.deployment.onnx_export import store_metadata
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from shaftpose.evaluation.metrics import Metrics
+from shaftpose.training.data_identity import rendered_digest
+from studies import bundle_model
+from studies.model_comparison import Comparison
+from studies.model_frames import complaints
+from tests.conftest import BOXES, SIDE
+from tests.studies.test_evaluate_trainings import TRAINING, write_training
+
+POSES = {"x_mm": [-20.0, 20.0], "pitch_deg": [50.0, 90.0]}
+# `constant_model` predicts x = 1 mm, in the same box.
+SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
+KEYS = [sample_key(n) for n in range(5)]
+
+
+def write_data(folder: Path) -> None:
+    """Five test images, the first of them without a shaft."""
+    x0, y0, x1, y1 = (int(edge) for edge in BOXES[0])
+    mask = np.zeros((SIDE, SIDE), dtype=bool)
+    mask[y0:y1, x0:x1] = True
+    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+    with ShardWriter(folder / "data/render/images" / shard_name(0), 95) as shard:
+        for n, key in enumerate(KEYS):
+            shafts = (Instrument(SHAFT, mask, mask),) if n else ()
+            rgb = np.full((SIDE, SIDE, 3), 40 * n, dtype=np.uint8)
+            shard.write(Sample(key, rgb, shafts, camera, {"source": "tissue-000000"}))
+    write_split(Split(train=KEYS, validation=KEYS, test=KEYS), folder / "data/split")
+
+
+@pytest.fixture
+def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of an evaluated training, in a project with its data."""
+    monkeypatch.chdir(tmp_path)
+    write_data(tmp_path)
+    facts = TRAINING | {"data": rendered_digest(), "recipe": TRAINING["recipe"] | {"poses": POSES}}
+    folder = write_training(tmp_path, facts)
+    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    constant_model.rename(folder / "model.onnx")
+    # The best detection is right in four of five images.
+    edit(folder / "evaluation.json", metrics={"mAP": 0.8})
+    return folder
+
+
+def edit(path: Path, **values: Any) -> None:
+    """Change values of a JSON file."""
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def bundle(training: Path) -> Path:
+    """Bundle the training's model below a root; returns the root."""
+    root = training.parents[1] / "root"
+    bundle_model.bundle(training, training, root)
+    return root
+
+
+def test_all_that_belongs_to_a_model_is_written(
+    training: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = bundle(training)
+    models, frames = root / "src/shaftpose/models", root / "tests/data/bundled_model"
+    assert {path.name for path in models.iterdir()} == {MODEL, CHECKSUM, "shaftpose.md"}
+    monkeypatch.setattr(bundled, "FOLDER", models)
+    predictor = Predictor(bundled_model())
+    assert (predictor.confidence, predictor.shaft_diameter_mm) == (0.5, 3.0)
+    content = json.loads((frames / "frames.json").read_text())
+    names = ["frame_0.jpg", "frame_1.jpg", "frame_2.jpg"]
+    assert [frame["image"] for frame in content["frames"]] == names
+    assert all((frames / name).is_file() for name in names)
+    assert content["frames"][0]["boxes"] == BOXES[:1]  # without the first image, which has no shaft
+    assert content["frames"][0]["poses"] == [SHAFT.as_array().tolist()]
+    assert (content["found"], content["bounds"]["tip_mm"]) == (3, 0.65)  # 1.1 x 0.5 mm + 0.1
+    assert complaints(predictor, frames) == []
+
+
+def test_the_project_keeps_its_mode_and_old_frames_go(training: Path) -> None:
+    root = training.parents[1] / "root"
+    old = root / "tests/data/bundled_model/frame_7.jpg"
+    old.parent.mkdir(parents=True)
+    old.touch()
+    root.chmod(0o755)
+    bundle(training)
+    assert root.stat().st_mode & 0o777 == 0o755
+    assert not old.exists()
+
+
+def test_the_card_states_what_the_files_do(training: Path) -> None:
+    card = (bundle(training) / "src/shaftpose/models/shaftpose.md").read_text()
+    for stated in (
+        "90, rendered; steel shafts in front of procedural tissue",
+        "2 (stand-in) with boxes, without poses",
+        "view angle 95 deg", "diameter 3 mm", "x -20 to 20 mm, pitch 50 to 90 deg",
+        "D + noise + real, width 0.125, depth 0.25, 1,000 parameters",
+        "`0123456789abcdef`, seed 7: after 5 steps of a detector without poses, 10 steps",
+        "5 rendered test images with 4 shafts", "at least 0.500",
+        "| bundled | 0.800 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |",
+        "100.00 % of the exported model's detections are shared, the mAP changes by +0.00000",
+        "research use only", "Apache-2.0",
+    ):  # fmt: skip
+        assert stated in card
+
+
+def refused(training: Path, message: str) -> None:
+    """Check that the training is refused and nothing is written."""
+    with pytest.raises(InputError, match=message):
+        bundle(training)
+    assert not (training.parents[1] / "root").exists()
+
+
+def test_a_training_without_results_is_refused(training: Path) -> None:
+    (training / "evaluation.json").unlink()
+    refused(training, r"evaluation\.json: missing; run `python -m studies.evaluate_trainings")
+
+
+def test_results_of_another_training_are_refused(training: Path) -> None:
+    edit(training / "evaluation.json", training=TRAINING | {"training_id": "fedc"})
+    refused(training, r"evaluation\.json: belongs to another training than")
+
+
+def test_results_of_another_model_are_refused(training: Path) -> None:
+    edit(training / "evaluation.json", metrics={"mAP": 0.81})
+    refused(training, r"model\.onnx: has a mAP of 0\.800, but 0\.810 was recorded")
+
+
+def test_a_model_that_is_too_large_is_refused(
+    training: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bundle_model, "MOST_BYTES", 500)
+    refused(training, r"model\.onnx: takes [\d,]+ bytes .*, more than the limit of 500; bundle")
+
+
+def moved(model: ModelProto) -> ModelProto:
+    """A model whose poses have an error of 2 mm in x."""
+    offset = np.array([2, 0, 0, 0, 0], np.float32)
+    copy = ModelProto()
+    copy.CopyFrom(model)
+    (poses,) = (value for value in copy.graph.initializer if value.name == "poses of one")
+    poses.CopyFrom(numpy_helper.from_array(numpy_helper.to_array(poses) + offset, poses.name))
+    return copy
+
+
+def test_a_model_that_storing_damages_is_refused(
+    training: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bundle_model, "with_half_weights", moved)
+    refused(training, r"loses too much in 16 bits: .*x_mm 2\.0000.*; x_mm is 1\.500, above 0\.65")
+
+
+def test_bounds_are_broken_by_worse_poses_and_by_missed_shafts(training: Path) -> None:
+    frames, file = bundle(training) / "tests/data/bundled_model", training / "model.onnx"
+    exported = onnx.load(str(file))
+    onnx.save(moved(exported), str(file))
+    worse = [f"{name} is 1.500, above 0.65" for name in ("x_mm", "tip_mm")]
+    assert complaints(Predictor(file), frames) == worse
+    for value in exported.graph.initializer:
+        if value.name == "scores of one":
+            value.CopyFrom(numpy_helper.from_array(np.zeros((1, 3), np.float32), value.name))
+    onnx.save(exported, str(file))
+    assert complaints(Predictor(file), frames) == ["finds 0 instruments, not 3"]
+
+
+def comparison(**changed: Any) -> Comparison:
+    """A comparison for a model with errors of 2 mm and 4 deg."""
+    own = Metrics(0.9, 0.9, 1, 1, 1, 1, 1, 4.0, 2.0, images=5, instruments=5, detections=5,
+                  confidence=0.5)  # fmt: skip
+    moved = {"tip_mm": 0.05, "axis_deg": 0.1}
+    return replace(Comparison(own, replace(own, mAP=0.897), 0.99, moved), **changed)
+
+
+def test_a_comparison_holds_within_its_limits() -> None:
+    assert comparison().holds
+    assert not comparison(shared=0.94).holds
+    assert not comparison(moved={"tip_mm": 0.11, "axis_deg": 0.1}).holds
+    assert not comparison(moved={"tip_mm": 0.05, "axis_deg": 0.21}).holds
+    assert not comparison(stored=replace(comparison().exported, mAP=0.894)).holds
+    assert not comparison(shared=0.0, moved={"tip_mm": None, "axis_deg": None}).holds

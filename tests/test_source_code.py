@@ -1,0 +1,48 @@
+"""The files that a module's results depend on."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import shaftpose
+from shaftpose.source_code import imported_names, source_files
+
+ROOT = Path(shaftpose.__file__).parent
+
+
+def names(*modules: str) -> set[str]:
+    return {path.relative_to(ROOT).as_posix() for path in source_files(modules)}
+
+
+def test_imports_are_followed_to_the_end() -> None:
+    assert names("shaftpose.core.shards") == {
+        "core/shards.py", "core/geometry.py", "core/images.py", "core/instruments.py"
+    }  # fmt: skip
+
+
+def test_what_carries_values_and_errors_is_left_out() -> None:
+    """`core/shards.py` imports `shaftpose.errors` and `shaftpose.files`."""
+    assert not names("shaftpose.errors", "shaftpose.settings.parts", "shaftpose.files")
+
+
+def test_imports_inside_functions_count() -> None:
+    assert "rendering/generator.py" in names("shaftpose.farm.worker")
+
+
+def test_several_modules_are_united_in_order() -> None:
+    both = source_files(["shaftpose.network.nms", "shaftpose.network.matching"])
+    assert both == sorted(both)
+    assert names("shaftpose.network.nms", "shaftpose.network.matching") == names(
+        "shaftpose.network.nms"
+    ) | names("shaftpose.network.matching")
+
+
+@pytest.mark.parametrize("module", ["numpy", "pipelines.train", "shaftpose.no_such_module"])
+def test_what_is_not_of_the_package_is_left_out(module: str) -> None:
+    assert source_files([module]) == []
+
+
+def test_the_names_of_all_forms_of_import() -> None:
+    tree = ast.parse("import a.b as c\nfrom d import e\ndef f():\n    from g.h import i\n")
+    assert set(imported_names(tree)) == {"a.b", "d", "d.e", "g.h", "g.h.i"}
