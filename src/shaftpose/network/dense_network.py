@@ -1,0 +1,118 @@
+"""Architecture E: a dense single-shot network, a small residual U-Net. Not in the paper.
+
+It predicts a mask of all shafts at half the image's resolution. At a quarter it predicts a heat map
+of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
+direction of the axis.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.core.batches import Targets
+from shaftpose.network.dense_decoding import decode
+from shaftpose.network.dense_loss import loss_terms
+from shaftpose.network.pinhole import Pinhole
+from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.settings.parts import (
+    CameraSettings,
+    DetectionSettings,
+    LossSettings,
+    PoseRanges,
+    Size,
+)
+
+MAPS = 7  # tip; offset to the tip (2); depth; axis (3)
+_RARE = -4.0  # initial logit of a tip
+
+
+class DenseOutputs(NamedTuple):
+    """mask: (B, 1, 150, 150) logits of a shaft; maps: (B, 7, 75, 75), see `dense_targets`."""
+
+    mask: Tensor
+    maps: Tensor
+
+
+class DenseNetwork(PoseNetwork):
+    """The U-Net. `channels`: of the levels at 1/2, 1/4, ... of the image's resolution."""
+
+    needs_instances = True
+
+    def __init__(self, channels: Sequence[int], pinhole: Pinhole) -> None:
+        super().__init__()
+        self.pinhole = pinhole
+        before = (3, *channels[:-1])
+        self.down = nn.ModuleList(
+            nn.Sequential(conv_norm_relu(i, o, 2), *([Residual(o)] if i > 3 else []))
+            for i, o in zip(before, channels, strict=True)
+        )
+        self.up = nn.ModuleList(
+            conv_norm_relu(fine + coarse, fine)
+            for fine, coarse in zip(channels, channels[1:], strict=False)
+        )
+        self.mask = nn.Conv2d(channels[0], 1, 3, padding=1)
+        self.maps = nn.Sequential(conv_norm_relu(channels[1], 64), nn.Conv2d(64, MAPS, 1))
+        bias = self.maps[1].bias
+        assert isinstance(bias, Tensor)
+        nn.init.constant_(bias[:1], _RARE)
+
+    def forward(self, images: Tensor) -> DenseOutputs:
+        """(B, 3, 299, 299) in [-1, 1] -> mask and maps."""
+        levels, x = [], images
+        for stage in self.down:
+            x = stage(x)
+            levels.append(x)
+        maps = x
+        for level in reversed(range(len(self.up))):
+            fine = levels[level]
+            x = functional.interpolate(x, size=fine.shape[-2:], mode="bilinear")
+            x = self.up[level](torch.cat([x, fine], dim=1))
+            if level == 1:
+                maps = self.maps(x)
+        return DenseOutputs(self.mask(x), maps)
+
+    def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
+        """The loss and its mask, tip and pose terms."""
+        return loss_terms(outputs.mask, outputs.maps, targets, self.pinhole)
+
+    def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
+        """One instrument per peak of the tip heat map."""
+        return decode(outputs.mask, outputs.maps, self.pinhole, limits)
+
+
+class Residual(nn.Module):
+    """Two 3 x 3 convolutions with batch normalisation, and a shortcut."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = conv_norm_relu(channels, channels)
+        self.second = nn.Sequential(
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels)
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, channels, h, w) -> the same shape."""
+        return functional.relu(x + self.second(self.first(x)))
+
+
+def conv_norm_relu(in_channels: int, channels: int, stride: int = 1) -> nn.Sequential:
+    """A 3 x 3 convolution, batch normalisation and ReLU."""
+    return nn.Sequential(
+        nn.Conv2d(in_channels, channels, 3, stride, 1, bias=False),
+        nn.BatchNorm2d(channels),
+        nn.ReLU(inplace=True),
+    )
+
+
+def dense_network(
+    size: Size,
+    camera: CameraSettings,
+    poses: PoseRanges,
+    loss: LossSettings,
+    channels: Sequence[int],
+) -> DenseNetwork:
+    """Build the network; of the settings it uses only the camera."""
+    return DenseNetwork(channels, Pinhole(camera.size_px, camera.view_deg))

@@ -1,0 +1,64 @@
+"""Training targets for E's maps, cell by cell.
+
+The maps are: the tip's heat; the offset from the cell to the tip of its shaft in units of 50 px
+(2); 2 log(depth / 25 mm) of the tip; the axis (3), a unit vector with z doubled.
+"""
+
+import torch
+from torch import Tensor
+
+from shaftpose.core.batches import Targets
+from shaftpose.network.pinhole import Pinhole
+
+WAY_PX, DEPTH_MM, DEPTH_SCALE, AXIS_SCALE = 50.0, 25.0, 2.0, (1.0, 1.0, 2.0)
+_HEAT_PX = 6.0  # standard deviation of a tip's heat
+
+
+def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor]:
+    """Targets as heat: (B, cells, cells) in [0, 1]; values: (B, 6, cells, cells); on_shaft: (B,
+    cells, cells) bool, where `values` count."""
+    centres = pinhole.cell_centres(cells, targets.poses)
+    known = targets.valid & targets.has_pose[:, None]
+    poses = torch.where(known[..., None], targets.poses, torch.ones_like(targets.poses))
+    tips = pinhole.project(poses[..., :3])
+    distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
+    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * known[..., None, None]
+    shaft = _coarse(targets, cells) - 1
+    on_shaft = (shaft >= 0) & targets.has_pose[:, None, None]
+    rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
+    chosen = shaft.clamp(min=0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
+    values = rows.gather(1, chosen).unflatten(1, (cells, cells))
+    way = (values[..., :2] - centres) / WAY_PX
+    values = torch.cat([way, values[..., 2:]], dim=-1)
+    return heat.amax(1), values.permute(0, 3, 1, 2), on_shaft
+
+
+def _coarse(targets: Targets, cells: int) -> Tensor:
+    """The shaft at the centre of each cell, (B, cells, cells): 0 for none, else from 1."""
+    assert targets.instances is not None, "this network needs instance masks for training"
+    side = targets.instances.shape[-1]
+    at = ((torch.arange(cells, device=targets.instances.device) + 0.5) * side / cells).long()
+    return targets.instances[:, at][:, :, at].long()
+
+
+def encoded_depth(depth_mm: Tensor) -> Tensor:
+    """mm -> about [-2, 1]."""
+    return DEPTH_SCALE * torch.log(depth_mm / DEPTH_MM)
+
+
+def encoded_axis(poses: Tensor) -> Tensor:
+    """Poses (..., 5) -> (..., 3): from the tip towards the handle, see docs/conventions.md."""
+    pitch, yaw = torch.deg2rad(poses[..., 3]), torch.deg2rad(poses[..., 4])
+    x, y = torch.sin(pitch) * torch.cos(yaw), torch.sin(pitch) * torch.sin(yaw)
+    return torch.stack([x, y, -torch.cos(pitch)], dim=-1) * poses.new_tensor(AXIS_SCALE)
+
+
+def decoded_poses(tips: Tensor, values: Tensor, pinhole: Pinhole) -> Tensor:
+    """Tips (..., 2) px with depth and axis (..., 4) as in the maps -> poses (..., 5) mm, deg."""
+    depth = DEPTH_MM * torch.exp(values[..., :1] / DEPTH_SCALE)
+    axis = values[..., 1:] / values.new_tensor(AXIS_SCALE)
+    axis = axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    pitch = torch.rad2deg(torch.acos((-axis[..., 2:]).clamp(-1, 1)))
+    yaw = torch.rad2deg(torch.atan2(axis[..., 1:2], axis[..., :1]))
+    yaw = torch.where(yaw < 0, yaw + 360, yaw)
+    return torch.cat([pinhole.lift(tips, depth), pitch, yaw], dim=-1)
