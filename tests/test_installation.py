@@ -1,0 +1,174 @@
+"""Each way of installing the package provides the packages that its users import."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+
+import cv2
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src"
+FRAMES = ROOT / "tests/data/bundled_model"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+HEAVY = [
+    "bpy", "dask", "distributed", "dvc", "filelock", "hydra", "jinja2", "lightning", "matplotlib",
+    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "torch", "tqdm", "trimesh",
+    "yaml",
+]  # fmt: skip
+# Import name -> distribution, where the names differ or the distribution pins the imported one.
+PACKAGES = {
+    "cv2": "opencv-python-headless", "dask": "distributed", "hydra": "hydra-core",
+    "omegaconf": "hydra-core", "yaml": "pyyaml",
+}  # fmt: skip
+# Extra -> parts of the package that need only this extra; the rest needs the pipeline's.
+PARTS = {
+    "render": ["backgrounds", "rendering"],
+    "train": ["dataset", "network", "training"],
+    "pipeline": [""],
+}
+
+# Runs the command line without some packages, then prints the names of the modules it loaded from
+# files.
+RUN = """
+import json, sys
+blocked, arguments = json.loads(sys.argv[1])
+sys.modules.update(dict.fromkeys(blocked))
+before = set(sys.modules)
+from shaftpose.cli import main
+main(arguments)
+new = [name for name, m in sys.modules.items() if name not in before and hasattr(m, "__file__")]
+print(json.dumps(new))
+"""
+
+
+def run_without(blocked: list[str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", RUN, json.dumps([blocked, arguments])]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def predict_frames(blocked: list[str], out: Path) -> tuple[list[str], list[str]]:
+    """The lines that predicting the bundled frames printed, and the modules that it loaded."""
+    frames = sorted(map(str, FRAMES.glob("*.jpg")))
+    result = run_without(blocked, "predict", *frames, "--draw", str(out))
+    assert result.returncode == 0, result.stderr
+    *lines, loaded = result.stdout.splitlines()
+    return lines, json.loads(loaded)
+
+
+def packages(modules: Iterable[str]) -> set[str]:
+    """Distributions that the modules need, without this package and Python."""
+    names = {module.partition(".")[0] for module in modules} - sys.stdlib_module_names
+    return {PACKAGES.get(name, canonical(name)) for name in names - {"shaftpose"}}
+
+
+def canonical(name: str) -> str:
+    """A package's name as indexes compare it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def required(requirements: Iterable[str]) -> set[str]:
+    """Packages listed in requirements, including those of this package's extras."""
+    found = set()
+    for text in requirements:
+        match = re.match(r"([\w.-]+)(?:\[([\w,]+)\])?", text)
+        assert match is not None
+        if match[1] == "shaftpose":
+            for extra in match[2].split(","):
+                found |= required(PROJECT["optional-dependencies"][extra])
+        else:
+            found.add(canonical(match[1]))
+    return found
+
+
+def test_prediction_runs_without_what_the_extras_bring(tmp_path: Path) -> None:
+    lines, _ = predict_frames(HEAVY, tmp_path / "found")
+    found = [json.loads(line)["instruments"] for line in lines]
+    assert len(found) == len(list(FRAMES.glob("*.jpg"))) > 0
+    assert all({"score", "box", "x_mm", "yaw_deg"} <= one.keys() for each in found for one in each)
+    assert sum(map(len, found)) >= json.loads((FRAMES / "frames.json").read_text())["found"]
+    for frame in FRAMES.glob("*.jpg"):
+        assert cv2.imread(str(tmp_path / "found" / frame.name)).shape == (299, 299, 3)
+
+
+def test_prediction_imports_what_a_plain_installation_brings(tmp_path: Path) -> None:
+    _, loaded = predict_frames([], tmp_path / "found")
+    assert packages(loaded) == required(PROJECT["dependencies"])
+
+
+@pytest.mark.parametrize("extra", PARTS)
+def test_an_extra_brings_what_its_modules_import(extra: str) -> None:
+    brought = required([*PROJECT["dependencies"], f"shaftpose[{extra}]"])
+    imported = packages(
+        name for part in PARTS[extra] for file in files_of(part) for name in reached(file)
+    )
+    assert len(imported) > 5
+    assert imported <= brought
+
+
+def test_developers_install_all_extras() -> None:
+    extras = PROJECT["optional-dependencies"]
+    assert required(["shaftpose[dev]"]) == set().union(*map(required, extras.values()))
+
+
+def test_show_names_the_extra_that_it_lacks(tmp_path: Path) -> None:
+    (tmp_path / "train.json").write_text("{}")
+    out = str(tmp_path / "sheet.jpg")
+    result = run_without(HEAVY, "show", "dataset", str(tmp_path), "--out", out)
+    assert result.returncode == 1
+    assert re.fullmatch(
+        r"error: .*not installed; run: pip install 'shaftpose\[train\]'\n", result.stderr
+    )
+
+
+def test_wheels_say_that_the_package_is_typed() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert "py.typed" in settings["tool"]["setuptools"]["package-data"]["shaftpose"]
+    assert (SOURCE / "shaftpose/py.typed").is_file()
+
+
+def files_of(part: str) -> list[Path]:
+    """The files of a module or folder of the package."""
+    path = SOURCE.joinpath("shaftpose", *filter(None, part.split(".")))
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
+
+
+@cache
+def reached(file: Path) -> frozenset[str]:
+    """Names imported by a file and, recursively, by the package's modules it imports."""
+    new, seen, found = {file}, set(), set()
+    while new:
+        seen |= new
+        names = {name for one in new for name in imports(one)}
+        found |= names
+        new = {path for name in names if (path := module_file(name)) is not None} - seen
+    return frozenset(found)
+
+
+@cache
+def imports(file: Path) -> frozenset[str]:
+    return frozenset(named(ast.parse(file.read_text())))
+
+
+def named(node: ast.AST) -> Iterator[str]:
+    """Names imported at run time; imports for type checkers only are skipped."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import):
+            yield from (alias.name for alias in child.names)
+        elif isinstance(child, ast.ImportFrom):
+            yield from (f"{child.module}.{alias.name}" for alias in child.names)
+            yield str(child.module)
+        elif not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield from named(child)
+
+
+def module_file(name: str) -> Path | None:
+    path = SOURCE.joinpath(*name.split(".")).with_suffix(".py")
+    return path if path.is_file() else None
