@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from shaftpose.network.decoding import gather_rows
 from shaftpose.network.dense_targets import WAY_PX, decoded_poses
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_network import DecodedOutputs
@@ -38,11 +39,8 @@ def decode(
     scores = scores * seen
     found = (scores > 0)[..., None]
     scores, order = scores.sort(dim=1, descending=True)
-    rows = order[..., None]
     boxes, poses = torch.where(found, boxes, 0.0), torch.where(found, poses, 0.0)
-    return DecodedOutputs(
-        boxes.gather(1, rows.expand(-1, -1, 4)), scores, poses.gather(1, rows.expand(-1, -1, 5))
-    )
+    return DecodedOutputs(gather_rows(boxes, order), scores, gather_rows(poses, order))
 
 
 def _peaks(heat: Tensor, count: int) -> tuple[Tensor, Tensor]:

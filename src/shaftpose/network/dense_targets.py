@@ -9,6 +9,7 @@ from torch import Tensor
 
 from shaftpose.core.batches import Targets
 from shaftpose.network.pinhole import Pinhole
+from shaftpose.network.pose_coding import wrap_yaw
 
 WAY_PX, DEPTH_MM, DEPTH_SCALE, AXIS_SCALE = 50.0, 25.0, 2.0, (1.0, 1.0, 2.0)
 _HEAT_PX = 6.0  # standard deviation of a tip's heat
@@ -60,5 +61,4 @@ def decoded_poses(tips: Tensor, values: Tensor, pinhole: Pinhole) -> Tensor:
     axis = axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)
     pitch = torch.rad2deg(torch.acos((-axis[..., 2:]).clamp(-1, 1)))
     yaw = torch.rad2deg(torch.atan2(axis[..., 1:2], axis[..., :1]))
-    yaw = torch.where(yaw < 0, yaw + 360, yaw)
-    return torch.cat([pinhole.lift(tips, depth), pitch, yaw], dim=-1)
+    return wrap_yaw(torch.cat([pinhole.lift(tips, depth), pitch, yaw], dim=-1))
