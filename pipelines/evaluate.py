@@ -7,7 +7,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.prediction import confidence_threshold
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.deployment.results import ModelResults, read_curves
+from shaftpose.deployment.results import ModelResults, flat, read_curves
 from shaftpose.json_files import read_training, write_json
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.stage import stage
@@ -18,14 +18,18 @@ from shaftpose.settings.tree import Settings
 def main(settings: Settings) -> None:
     """Write `metrics.json` and `figures/` to `out`, and the report's input to `results`."""
     name, model, detection = settings.variant.name, settings.model_folder, settings.detection
-    predictor, training = Predictor(model / "model.onnx"), read_training(model)
-    confidence = confidence_threshold(detection.confidence_threshold, predictor)
-    shards, keys = ShardedDataset(Path("data/render/images")), read_keys(Path("data/split"), "test")
-    found = ModelResults(predictor, shards, keys, confidence)
-    figures = found.write_figures(settings.out / "figures", name)
-    metrics = found.metrics.as_dict()
+    images, training = ShardedDataset(Path("data/render/images")), read_training(model)
+    keys = read_keys(Path("data/split"), "test")
+    network = Predictor(model / "model.onnx", "none")
+    fitting = Predictor(model / "model.onnx", detection.refine)
+    confidence = confidence_threshold(detection.confidence_threshold, network)
+    alone = ModelResults(network, images, keys, confidence)
+    fitted = ModelResults(fitting, images, keys, confidence) if fitting.refines else None
+    figures = (fitted or alone).write_figures(settings.out / "figures", name)
+    metrics = flat(alone, fitted)
     write_json(settings.out / "metrics.json", metrics)
-    results = found.for_report(settings.rendering.poses) | {
+    results = alone.for_report(settings.rendering.poses) | {
+        "fitted": fitted and fitted.for_report(settings.rendering.poses),
         "title": settings.variant.title,
         "training": training,
         "detection": as_plain(detection),

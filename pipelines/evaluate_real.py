@@ -16,11 +16,15 @@ from shaftpose.settings.tree import Settings
 def main(settings: Settings) -> None:
     """Write `silhouette.json` and `silhouettes.jpg` to `out`, and the scores also to `results`."""
     picture, rendering = settings.out / "silhouettes.jpg", settings.rendering
-    predictor = Predictor(settings.model_folder / "model.onnx")
-    confidence = confidence_threshold(settings.detection.confidence_threshold, predictor)
+    network = Predictor(settings.model_folder / "model.onnx", "none")
+    fitting = Predictor(settings.model_folder / "model.onnx", settings.detection.refine)
+    confidence = confidence_threshold(settings.detection.confidence_threshold, network)
     sets = silhouette_sets(middle_camera(rendering), read_domain())
     render = SilhouetteRenderer(rendering)
-    scores = compare_silhouettes(predictor, render, sets, confidence, picture)
+    scores = compare_silhouettes(network, render, sets, confidence, picture)
+    if fitting.refines:
+        fitted = compare_silhouettes(fitting, render, sets, confidence, picture)
+        scores |= {f"fitted/{name}": score for name, score in fitted.items()}
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", scores)
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)

@@ -25,7 +25,8 @@ FOLDERS = {
     "checks": ("rendering",),
     "network": (),
     "training": ("dataset", "network", "evaluation"),
-    "deployment": ("dataset", "network", "evaluation", "figures"),
+    "refinement": (),
+    "deployment": ("dataset", "network", "evaluation", "figures", "refinement"),
     "report": ("evaluation", "figures"),
 }
 EVERYWHERE = ("core", "settings")

@@ -13,7 +13,8 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from shaftpose.deployment import bundled
-from shaftpose.deployment.onnx_export import store_metadata
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 
 Places = list[tuple[int, int]]
 
@@ -33,7 +34,7 @@ def frame(tmp_path: Path) -> Path:
 def test_predict_prints_what_reaches_the_models_confidence(
     constant_model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     main(["predict", str(frame), str(frame), "--model", str(constant_model)])
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert lines == [{"image": str(frame), "instruments": [FIRST]}] * 2
@@ -45,7 +46,7 @@ def test_predict_needs_no_model_file(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     monkeypatch.setattr(bundled, "FOLDER", constant_model.parent)
     model = constant_model.rename(constant_model.with_name(bundled.MODEL))
     model.with_name(bundled.CHECKSUM).write_bytes(bundled.checksum(model))
@@ -83,7 +84,7 @@ def test_poses_are_drawn_for_the_models_camera_or_the_users(
     drawn = {}
     for name, view_deg, more in (("own", 60.0, []), ("stated", 95.0, ["--view-deg", "60"]),
                                  ("other", 95.0, [])):  # fmt: skip
-        store_metadata(constant_model, 0.5, view_deg, 3.0)
+        store_facts(constant_model, ModelFacts(0.5, view_deg, 3.0))
         main([*arguments, str(tmp_path / name), *more])
         drawn[name] = (tmp_path / name / "frame.jpg").read_bytes()
     assert drawn["own"] == drawn["stated"] != drawn["other"]

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.bundled import bundled_model
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
+from shaftpose.refinement.refiner import Refinement
 
 if TYPE_CHECKING:
     from shaftpose.dataset.coco import RealImage
@@ -51,6 +52,10 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", nargs="+", type=Path, help="PNG or JPEG files")
     parser.add_argument("--model", type=Path, help="ONNX file (the package's own model)")
     parser.add_argument("--confidence", type=float, help="least score (the model's own)")
+    parser.add_argument(
+        "--refine", choices=get_args(Refinement), default="edges",
+        help="what poses are fitted to, if the model has a mask (edges: the mask, then the edges)",
+    )  # fmt: skip
     parser.add_argument("--draw", type=Path, help="folder for images with what was found")
     parser.add_argument("--view-deg", type=float, help="view angle, for --draw (the model's own)")
     parser.set_defaults(run=predict)
@@ -76,9 +81,11 @@ def positive(text: str) -> int:
 def predict(options: argparse.Namespace) -> None:
     """Print a line of JSON for each image: boxes in pixels of its central square at the model's
     size, poses in mm and deg."""
-    predictor = Predictor(bundled_model() if options.model is None else options.model)
+    predictor = Predictor(
+        bundled_model() if options.model is None else options.model, options.refine
+    )
     side_px = predictor.side_px
-    view_deg = predictor.view_deg if options.view_deg is None else options.view_deg
+    view_deg = predictor.facts.view_deg if options.view_deg is None else options.view_deg
     camera = Camera.from_field_of_view(side_px, side_px, view_deg)
     least = predictor.confidence if options.confidence is None else options.confidence
     targets = _drawings(options.images, options.draw) if options.draw else {}

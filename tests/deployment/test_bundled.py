@@ -8,7 +8,8 @@ import pytest
 
 from shaftpose.deployment import bundled
 from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model, checksum
-from shaftpose.deployment.onnx_export import store_metadata
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from studies.model_frames import complaints
@@ -40,7 +41,7 @@ def test_a_missing_file_is_named_with_the_remedy(folder: Path, name: str) -> Non
 
 
 def test_damage_is_found_where_the_file_still_loads(folder: Path) -> None:
-    store_metadata(folder / MODEL, 0.75, 95.0, 3.0)
+    store_facts(folder / MODEL, ModelFacts(0.75, 95.0, 3.0))
     assert Predictor(folder / MODEL).confidence == 0.75
     with pytest.raises(InputError, match=rf"/{MODEL}: damaged.*; reinstall the package"):
         bundled_model()

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.deployment.onnx_export import store_metadata
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 
@@ -18,24 +19,24 @@ def test_empty_places_are_left_out(constant_model: Path) -> None:
 
 
 def test_the_file_keeps_its_confidence(constant_model: Path) -> None:
-    store_metadata(constant_model, 0.1 + 0.2, 95.0, 3.0)
+    store_facts(constant_model, ModelFacts(0.1 + 0.2, 95.0, 3.0))
     assert Predictor(constant_model).confidence == 0.1 + 0.2
-    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     assert Predictor(constant_model).confidence == 0.5
 
 
 def test_the_file_states_its_camera_and_its_shaft(constant_model: Path) -> None:
-    store_metadata(constant_model, 0.5, 70.5, 5.0)
+    store_facts(constant_model, ModelFacts(0.5, 70.5, 5.0))
     predictor = Predictor(constant_model)
-    assert (predictor.view_deg, predictor.shaft_diameter_mm) == (70.5, 5.0)
+    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (70.5, 5.0)
     assert predictor.side_px == 299
-    store_metadata(constant_model, 0.5, 70.5, None)  # an instrument from a CAD file
-    assert Predictor(constant_model).shaft_diameter_mm is None
+    store_facts(constant_model, ModelFacts(0.5, 70.5, None))  # an instrument from a CAD file
+    assert Predictor(constant_model).facts.shaft_diameter_mm is None
 
 
 def test_a_file_that_states_no_camera_has_the_papers(constant_model: Path) -> None:
     predictor = Predictor(constant_model)
-    assert (predictor.view_deg, predictor.shaft_diameter_mm) == (95.0, None)
+    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (95.0, None)
 
 
 def test_a_file_without_confidence_is_named(constant_model: Path) -> None:

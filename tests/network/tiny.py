@@ -9,7 +9,9 @@ from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.settings.parts import DetectionSettings
 
-LIMITS = DetectionSettings(top_k=250, nms_iou=0.5, max_detections=20, confidence_threshold=None)
+LIMITS = DetectionSettings(
+    top_k=250, nms_iou=0.5, max_detections=20, confidence_threshold=None, refine="edges"
+)
 
 
 def paper_loss() -> ShaftLoss:

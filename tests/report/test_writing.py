@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.json_files import write_json
 from shaftpose.report import writing
 from shaftpose.report.ablation import last_validation, variant_row
 from shaftpose.settings.parts import PoseRanges
@@ -34,6 +35,7 @@ def result(title: str, real: dict[str, Any] | None) -> dict[str, Any]:
         "binned_errors": as_plain(binned_errors(ERRORS, np.ones(1), RANGES)),
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
         "curves": [[1, "validation/mAP", 0.1], [2, "validation/mAP", 0.2]],
+        "fitted": None,
     }  # fmt: skip
 
 
@@ -54,6 +56,24 @@ def test_the_last_validation_counts() -> None:
     ]
     assert last_validation(curves) == {"mAP": 0.1}  # nothing was detected in the last validation
     assert last_validation([]) == {}
+
+
+def test_fitted_poses_have_rows_of_their_own(tmp_path: Path) -> None:
+    better = {"metrics": {"mAP": 0.75, "images": 20}}
+    results = {"e": result("E", None) | {"fitted": better}, "d": RESULTS["d"]}
+    rows = [variant_row(name, values) for name, values in writing.with_fits(results).items()]
+    assert [(row.variant, row.title, row.metrics["mAP"]) for row in rows] == [
+        ("e", "E", 0.5), ("e_fitted", "E + fit", 0.75), ("d", "D", 0.5),
+    ]  # fmt: skip
+    scores = {"e": {"rendered/clear": {"iou": 0.5}, "fitted/rendered/clear": {"iou": 0.75}},
+              "d": {"rendered/clear": {"iou": 0.25}}}  # fmt: skip
+    for name, sets in scores.items():
+        write_json(tmp_path / name / "silhouette.json", sets)
+    assert writing.read_silhouettes(tmp_path, ["e", "d"]) == {
+        "e": {"rendered/clear": {"iou": 0.5}},
+        "e_fitted": {"rendered/clear": {"iou": 0.75}},
+        "d": {"rendered/clear": {"iou": 0.25}},
+    }
 
 
 def test_only_variants_with_a_real_share_mix_images_in() -> None:

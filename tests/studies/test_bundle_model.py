@@ -15,7 +15,8 @@ from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, s
 from shaftpose.dataset.split import Split, write_split
 from shaftpose.deployment import bundled
 from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model
-from shaftpose.deployment.onnx_export import store_metadata
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.evaluation.metrics import Metrics
@@ -53,7 +54,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_data(tmp_path)
     facts = TRAINING | {"data": rendered_digest(), "recipe": TRAINING["recipe"] | {"poses": POSES}}
     folder = write_training(tmp_path, facts)
-    store_metadata(constant_model, 0.5, 95.0, 3.0)
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     constant_model.rename(folder / "model.onnx")
     # The best detection is right in four of five images.
     edit(folder / "evaluation.json", metrics={"mAP": 0.8})
@@ -80,7 +81,7 @@ def test_all_that_belongs_to_a_model_is_written(
     assert {path.name for path in models.iterdir()} == {MODEL, CHECKSUM, "shaftpose.md"}
     monkeypatch.setattr(bundled, "FOLDER", models)
     predictor = Predictor(bundled_model())
-    assert (predictor.confidence, predictor.shaft_diameter_mm) == (0.5, 3.0)
+    assert (predictor.confidence, predictor.facts.shaft_diameter_mm) == (0.5, 3.0)
     content = json.loads((frames / "frames.json").read_text())
     names = ["frame_0.jpg", "frame_1.jpg", "frame_2.jpg"]
     assert [frame["image"] for frame in content["frames"]] == names

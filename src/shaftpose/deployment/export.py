@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
-from shaftpose.deployment.onnx_export import export_onnx, store_metadata
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import export_onnx, store_facts
 from shaftpose.deployment.parity import Parity, check_parity
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
@@ -41,13 +42,16 @@ def export_model(
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
-    store_metadata(
-        path,
+    shaft = rendering.shaft
+    facts = ModelFacts(
         confidence=validated_confidence(predictor),
         view_deg=rendering.camera.view_deg,
         # The diameter of an instrument from a CAD file is not a setting.
-        shaft_diameter_mm=None if rendering.shaft.cad else rendering.shaft.diameter_mm,
+        shaft_diameter_mm=None if shaft.cad else shaft.diameter_mm,
+        shaft_length_mm=None if shaft.cad else shaft.length_mm,
+        shaft_tip=None if shaft.cad else shaft.tip,
     )
+    store_facts(path, facts)
     return parity
 
 

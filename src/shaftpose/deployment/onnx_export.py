@@ -10,22 +10,21 @@ from typing import Any
 import onnx
 import torch
 from onnxscript import opset20
-from torch import nn
 
-from shaftpose.deployment.predictor import CONFIDENCE, SHAFT_DIAMETER_MM, VIEW_DEG
+from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.files import new_file
 from shaftpose.network import nms  # registers its operator
+from shaftpose.network.detector import ShaftDetector
 
 OPSET = 20
 # `opset20` accepts Python numbers and lists, but its type hints refuse them.
 op: Any = opset20
 
 
-def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
-    """Write a detector to one file with input `image` and outputs `boxes`, `scores`, `poses`.
+def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
+    """Write a detector to one file with input `image` and the detector's outputs.
 
-    detector: (N, side, side, 3) uint8 RGB -> three tensors whose first dimension is N, which stays
-    dynamic. It is exported in evaluation mode, on the CPU.
+    The number of images stays dynamic. The detector is exported in evaluation mode, on the CPU.
     """
     exported = detector.cpu().eval()
     # Two images: an example of one would fix the batch dimension to one.
@@ -37,7 +36,7 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
             dynamo=True,
             opset_version=OPSET,
             input_names=["image"],
-            output_names=["boxes", "scores", "poses"],
+            output_names=list(exported.output_names),
             dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
             custom_translation_table={nms.OPERATOR: _onnx_nms_mask},
             verbose=False,
@@ -47,15 +46,10 @@ def export_onnx(detector: nn.Module, path: Path, side_px: int) -> None:
         program.save(part, external_data=False)
 
 
-def store_metadata(
-    path: Path, confidence: float, view_deg: float, shaft_diameter_mm: float | None
-) -> None:
-    """Store the confidence threshold in an exported file, and the camera and the shaft that it was
-    trained for, without which its millimetres are meaningless."""
-    known = {CONFIDENCE: confidence, VIEW_DEG: view_deg, SHAFT_DIAMETER_MM: shaft_diameter_mm}
+def store_facts(path: Path, facts: ModelFacts) -> None:
+    """Store facts in the metadata of an exported file."""
     model = onnx.load(str(path))
-    stated = {key: repr(value) for key, value in known.items() if value is not None}
-    onnx.helper.set_model_props(model, stated)
+    onnx.helper.set_model_props(model, facts.as_text())
     with new_file(path) as part:
         onnx.save(model, str(part), format="protobuf")
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
 
 from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Detections
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
@@ -50,7 +50,7 @@ class Parity:
 
 
 def check_parity(
-    detector: nn.Module,
+    detector: ShaftDetector,
     predictor: Predictor,
     images: NDArray[np.uint8],
     least_score: float = 0.1,
@@ -63,7 +63,7 @@ def check_parity(
     """
     with torch.inference_mode():
         outputs = detector.eval()(torch.from_numpy(images))
-    boxes, scores, poses = (values.double().numpy() for values in outputs)
+    boxes, scores, poses = (values.double().numpy() for values in outputs[:3])
     least_score = least_score if np.any(scores >= least_score) else 0.0
     detections, differences, singles = 0, [(0.0, 0.0, 0.0)], Counter[str]()
     for n, found in enumerate(predictor(images)):

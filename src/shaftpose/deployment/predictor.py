@@ -1,4 +1,4 @@
-"""Runs an exported model: images in, detections out."""
+"""Runs an exported model and refines its poses: images in, detections out."""
 
 import time
 from collections.abc import Sequence
@@ -8,24 +8,29 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
+from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.errors import InputError
+from shaftpose.refinement.contour import Shaft
+from shaftpose.refinement.refiner import Refinement, Refiner
 
-# Keys of the model file's metadata.
-CONFIDENCE = "confidence"
-VIEW_DEG = "view_deg"
-SHAFT_DIAMETER_MM = "shaft_diameter_mm"
-# For models whose files state no camera: that of the paper.
-_VIEW_DEG_UNSTATED = 95.0
+_OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
 
 
 class Predictor:
     """An ONNX file written by the export stage, run by onnxruntime.
 
-    Raises InputError naming the file if it is missing or is not such a model.
+    refine: what the poses of a model that predicts a mask are fitted to; see `Refiner`. Raises
+    InputError naming the file if it is missing or is not such a model.
     """
 
-    def __init__(self, path: Path, providers: Sequence[str] = ("CPUExecutionProvider",)) -> None:
+    def __init__(
+        self,
+        path: Path,
+        refine: Refinement = "edges",
+        providers: Sequence[str] = ("CPUExecutionProvider",),
+    ) -> None:
         if not path.is_file():
             raise InputError(f"{path}: no such model; run the export stage")
         try:
@@ -33,10 +38,11 @@ class Predictor:
         except Exception as error:  # onnxruntime's own exceptions have no common base
             raise InputError(f"{path}: not a readable ONNX model; export it again") from error
         names = [output.name for output in self._session.get_outputs()]
-        if names != ["boxes", "scores", "poses"]:
+        if names not in (_OUTPUTS, [*_OUTPUTS, _MASK]):
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
-        self._stated = self._session.get_modelmeta().custom_metadata_map
+        self.facts = ModelFacts.from_text(self._session.get_modelmeta().custom_metadata_map)
+        self._refiner = self._made(refine) if _MASK in names else None
 
     @property
     def side_px(self) -> int:
@@ -49,31 +55,40 @@ class Predictor:
 
         Raises InputError naming the file if it states none.
         """
-        if CONFIDENCE not in self._stated:
+        if self.facts.confidence is None:
             raise InputError(
                 f"{self._path}: holds no confidence threshold; export it again or set one"
             )
-        return float(self._stated[CONFIDENCE])
+        return self.facts.confidence
 
     @property
-    def view_deg(self) -> float:
-        """The field of view, in deg, that the model was trained for."""
-        return float(self._stated.get(VIEW_DEG, _VIEW_DEG_UNSTATED))
+    def camera(self) -> Camera:
+        """The camera that the model was trained for."""
+        return Camera.from_field_of_view(self.side_px, self.side_px, self.facts.view_deg)
 
     @property
-    def shaft_diameter_mm(self) -> float | None:
-        """The shaft diameter that the model was trained for; None if the file states none, as for
-        an instrument from a CAD file."""
-        stated = self._stated.get(SHAFT_DIAMETER_MM)
-        return None if stated is None else float(stated)
+    def refines(self) -> bool:
+        """Whether poses are fitted to the mask: not for a model without a mask, nor for an
+        instrument of unknown diameter."""
+        return self._refiner is not None
 
     def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""
-        boxes, scores, poses = self._session.run(None, {"image": images})
-        return [
+        boxes, scores, poses, *masks = self._session.run(None, {"image": images})
+        found = [
             Detections(b[s > 0].astype(float), s[s > 0].astype(float), p[s > 0].astype(float))
             for b, s, p in zip(boxes, scores, poses, strict=True)
         ]
+        if self._refiner is None:
+            return found
+        return [self._refiner(*each) for each in zip(images, *masks, found, strict=True)]
+
+    def _made(self, refine: Refinement) -> Refiner | None:
+        diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
+        if refine == "none" or diameter_mm is None or length_mm is None:
+            return None
+        shaft = Shaft(diameter_mm, length_mm, flat_tip=self.facts.shaft_tip == "flat")
+        return Refiner(shaft, self.camera, refine)
 
     def frames_per_second(self, image: NDArray[np.uint8], repetitions: int = 30) -> float:
         """Images per second at batch size 1: median of `repetitions` calls after 3 warm-up calls.
@@ -83,6 +98,6 @@ class Predictor:
         seconds = []
         for _ in range(repetitions + 3):
             start = time.perf_counter()
-            self._session.run(None, {"image": image[None]})
+            self(image[None])
             seconds.append(time.perf_counter() - start)
         return float(1 / np.median(seconds[3:]))

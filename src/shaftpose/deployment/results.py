@@ -74,6 +74,14 @@ class ModelResults:
         }
 
 
+def flat(alone: ModelResults, fitted: ModelResults | None) -> dict[str, float | int | None]:
+    """The metrics of a network, and those of its fitted poses as `fitted/...`."""
+    if fitted is None:
+        return alone.metrics.as_dict()
+    added = {f"fitted/{name}": value for name, value in fitted.metrics.as_dict().items()}
+    return alone.metrics.as_dict() | added
+
+
 def read_curves(path: Path) -> list[list[Any]]:
     """The learning curves of a training, as rows of step, name, value."""
     with path.open(newline="") as stream:

@@ -40,6 +40,7 @@ class DenseNetwork(PoseNetwork):
     """The U-Net. `channels`: of the levels at 1/2, 1/4, ... of the image's resolution."""
 
     needs_instances = True
+    has_mask = True
 
     def __init__(self, channels: Sequence[int], pinhole: Pinhole) -> None:
         super().__init__()
@@ -81,6 +82,10 @@ class DenseNetwork(PoseNetwork):
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
         """One instrument per peak of the tip heat map."""
         return decode(outputs.mask, outputs.maps, self.pinhole, limits)
+
+    def masks(self, outputs: DenseOutputs) -> Tensor:
+        """The mask of all shafts, (B, 150, 150)."""
+        return outputs.mask.float().sigmoid()[:, 0]
 
 
 class Residual(nn.Module):

@@ -28,11 +28,12 @@ class PoseNetwork(nn.Module, ABC):
     """Images -> outputs; outputs and targets -> loss terms; outputs -> instruments.
 
     continuous: whether a small change of the outputs is a small change of the pose;
-    needs_instances: whether targets must have `instances`.
+    needs_instances: whether targets must have `instances`; has_mask: whether it has `masks`.
     """
 
     continuous: bool = True
     needs_instances: bool = False
+    has_mask: bool = False
 
     @abstractmethod
     def forward(self, images: Tensor) -> Any:
@@ -45,6 +46,10 @@ class PoseNetwork(nn.Module, ABC):
     @abstractmethod
     def detections(self, outputs: Any, limits: DetectionSettings) -> DecodedOutputs:
         """At most `limits.max_detections` instruments in each image."""
+
+    def masks(self, outputs: Any) -> Tensor:
+        """The probability of a shaft, (B, h, w) in [0, 1], of networks that predict it."""
+        raise NotImplementedError(f"{type(self).__name__} predicts no mask")
 
 
 def normalise_images(images: Tensor) -> Tensor:

@@ -41,12 +41,42 @@ LEARNING_CURVES = (
     "validation/mAP", "validation/detected_rate", "validation/tip_mm",
 )  # fmt: skip
 
+FITTED = "fitted/"  # prefix of the image sets that fitted poses were measured on
+
 Results = Mapping[str, dict[str, Any]]  # variant -> results of `evaluate`
 
 
 def read_results(folder: Path, variants: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The results of `evaluate`, by variant. Raises InputError naming a file that is missing."""
     return {name: read_result(folder / name / "evaluation.json", "evaluate") for name in variants}
+
+
+def with_fits(results: Results) -> dict[str, dict[str, Any]]:
+    """The results, those of fitted poses behind those of their network, as `NAME_fitted`."""
+    rows = {}
+    for name, result in results.items():
+        rows[name] = result
+        if result["fitted"]:
+            title = f"{result['title']} + fit"
+            rows[f"{name}_fitted"] = result | result["fitted"] | {"title": title}
+    return rows
+
+
+def read_silhouettes(
+    folder: Path, variants: Sequence[str]
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """The results of `evaluate_real` by variant and set, those of fitted poses as in `with_fits`.
+
+    Raises InputError naming a file that is missing.
+    """
+    rows: dict[str, dict[str, dict[str, float | None]]] = {}
+    for name in variants:
+        scores = read_result(folder / name / "silhouette.json", "evaluate_real")
+        for images, score in scores.items():
+            fitted = images.startswith(FITTED)
+            row = rows.setdefault(f"{name}_fitted" if fitted else name, {})
+            row[images.removeprefix(FITTED)] = score
+    return rows
 
 
 def write_report(
@@ -57,7 +87,7 @@ def write_report(
     folder: results of all variants; margin: see `choose_champion`.
     """
     results, domain = read_results(folder, variants), read_domain()
-    rows = [variant_row(name, result) for name, result in results.items()]
+    rows = [variant_row(name, result) for name, result in with_fits(results).items()]
     champion = choose_champion(
         {name: last_validation(result["curves"]) for name, result in results.items()}, margin
     )
@@ -67,10 +97,7 @@ def write_report(
     report = AblationReport(
         rows=rows,
         constant=constant,
-        silhouette={
-            name: read_result(folder / name / "silhouette.json", "evaluate_real")
-            for name in variants
-        },
+        silhouette=read_silhouettes(folder, variants),
         domain_label=domain,
         champion=champion,
         profile=profile,
@@ -99,9 +126,7 @@ def draw_figures(
     out: Path,
 ) -> dict[str, Path]:
     """Draw the report's figures; returns title -> file."""
-    titled = {
-        variant_title(name, domain, result["title"]): result for name, result in results.items()
-    }
+    trained, titled = titles(results, domain), titles(with_fits(results), domain)
     curves = {
         title: PrecisionRecall(
             **{name: np.array(values) for name, values in result["precision_recall"].items()}
@@ -110,7 +135,7 @@ def draw_figures(
     }
     learning = {
         title: [[tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]]
-        for title, result in titled.items()
+        for title, result in trained.items()
     }
     bins = {title: from_plain(result["binned_errors"]) for title, result in titled.items()}
     figures = {
@@ -124,3 +149,8 @@ def draw_figures(
         paths[title] = out / "figures" / f"{title.lower().replace(' ', '_')}.png"
         save_figure(figure, paths[title])
     return paths
+
+
+def titles(results: Results, domain: str) -> dict[str, dict[str, Any]]:
+    """The results by the titles of their variants."""
+    return {variant_title(name, domain, one["title"]): one for name, one in results.items()}

@@ -398,7 +398,8 @@ class LossSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class DetectionSettings:
-    """Limits of decoding; see `shaftpose.network.decoding`.
+    """Limits of decoding, see `shaftpose.network.decoding`, and the refinement of poses, see
+    `shaftpose.refinement.refiner`.
 
     confidence_threshold: None for the model's own.
     """
@@ -407,6 +408,7 @@ class DetectionSettings:
     nms_iou: Fraction
     max_detections: PositiveInt
     confidence_threshold: Fraction | None
+    refine: Literal["none", "mask", "edges"]
 
     def __post_init__(self) -> None:
         if self.max_detections > self.top_k:

@@ -1,0 +1,31 @@
+"""What a model file states about itself in its metadata."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class ModelFacts:
+    """The confidence threshold, chosen on validation images, and the camera and the shaft that the
+    model was trained for, without which its millimetres are meaningless.
+
+    The shaft's facts are None for an instrument from a CAD file. The default view angle is the
+    paper's.
+    """
+
+    confidence: float | None = None
+    view_deg: float = 95.0
+    shaft_diameter_mm: float | None = None
+    shaft_length_mm: float | None = None
+    shaft_tip: str | None = None
+
+    def as_text(self) -> dict[str, str]:
+        """The facts that are known, by name."""
+        return {name: str(value) for name, value in asdict(self).items() if value is not None}
+
+    @classmethod
+    def from_text(cls, stated: Mapping[str, str]) -> "ModelFacts":
+        """The facts from metadata, which may hold other keys, too."""
+        numbers = ("confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm")
+        known = {name: float(stated[name]) for name in numbers if name in stated}
+        return cls(**known, shaft_tip=stated.get("shaft_tip"))

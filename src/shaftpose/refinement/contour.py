@@ -1,0 +1,134 @@
+"""The contour of a cylinder in closed form, and how it moves with the pose.
+
+The contour of a shaft consists of two straight lines, the images of the planes through the camera
+that touch the cylinder, and of the outer half of the ellipse that the tip's rim projects to.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera, axis_direction
+
+Array = NDArray[np.float64]
+
+_SPACING_PX = 3.0  # between samples of a line
+_MOST_SAMPLES, _ARC_SAMPLES = 40, 24
+_LEAST_DEPTH_MM = 1.0  # of the whole tip
+_MARGIN_PX = 1.0
+# Samples of the rim whose normal is turned from the axis by less than about 70 deg: next to the
+# lines, the rim's corners are blurred.
+_FACING = 0.35
+
+
+class Shaft(NamedTuple):
+    """What the contour depends on besides the pose. flat_tip: whether the tip is a flat disc; the
+    contour of other tips has only its lines."""
+
+    diameter_mm: float
+    length_mm: float = 150.0
+    flat_tip: bool = True
+
+
+class Contour(NamedTuple):
+    """Samples of a contour inside the image.
+
+    points: (N, 2) px; normals: (N, 2), unit vectors out of the silhouette; motion: (N, 5), the
+    points' displacement along their normals in px for each mm and deg of the pose.
+    """
+
+    points: Array
+    normals: Array
+    motion: Array
+
+
+def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
+    """Sample the contour of a shaft with pose (5,) mm, deg as a pinhole camera sees it.
+
+    Empty if the camera is inside the endless cylinder or its tip is not in front of the camera.
+    """
+    tip, axis, radius = pose[:3], axis_direction(pose[3], pose[4]), shaft.diameter_mm / 2
+    across = tip - (tip @ axis) * axis
+    distance = float(np.linalg.norm(across))
+    if not (
+        np.isfinite(pose).all() and distance > 1.001 * radius and tip[2] > radius + _LEAST_DEPTH_MM
+    ):
+        return Contour(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 5)))
+    away = across / distance
+    aside = np.cross(axis, away)
+    lean = np.arcsin(radius / distance)  # between a touching plane and the plane of the axis
+    contacts = [s * np.cos(lean) * aside - np.sin(lean) * away for s in (1.0, -1.0)]
+    parts = [_line(tip + radius * contact, axis, shaft.length_mm, camera) for contact in contacts]
+    if shaft.flat_tip:
+        parts.append(_arc(tip, axis, radius, away, aside, lean, camera))
+    rims, tangents = (np.concatenate(both) for both in zip(*parts, strict=True))
+    points = camera.project(rims)
+    inner = camera.project(tip + np.maximum((rims - tip) @ axis, radius)[:, None] * axis)
+    normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
+    normals *= np.sign(np.sum(normals * (points - inner), axis=1))[:, None]
+    return Contour(points, normals, _motion(rims, normals, pose, camera))
+
+
+def _line(start: Array, axis: Array, length_mm: float, camera: Camera) -> tuple[Array, Array]:
+    """Points (N, 3) mm of the line start + t axis, 0 <= t <= length_mm, that are evenly spaced in
+    the image, and their tangents (N, 2) in the image."""
+    course = camera.focal_px * (axis[:2] - axis[2] * start[:2] / start[2])
+    speed = float(np.linalg.norm(course))
+    if speed < 1e-6:  # seen end-on
+        return np.empty((0, 3)), np.empty((0, 2))
+    # The image of t lies t speed / (z + t axis_z) px from the image of `start`.
+    end_depth = start[2] + length_mm * axis[2]
+    most = length_mm * speed / end_depth if end_depth > 0 else np.inf
+    low, high = _inside(camera.project(start), course / speed, camera)
+    low, high = max(low, 0.0) + _MARGIN_PX, min(high, most) - _MARGIN_PX
+    if not low < high:
+        return np.empty((0, 3)), np.empty((0, 2))
+    count = int(np.clip((high - low) / _SPACING_PX, 4, _MOST_SAMPLES))
+    px = np.linspace(low, high, count)
+    t = px * start[2] / (speed - px * axis[2])
+    return start + t[:, None] * axis, np.tile(course / speed, (count, 1))
+
+
+def _inside(start: Array, direction: Array, camera: Camera) -> tuple[float, float]:
+    """The part of the line start + s direction, all in px, that lies in the image."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (np.array([[0.0, 0.0], [camera.width, camera.height]]) - start) / direction
+    ends = np.where(np.isnan(ends), [[-np.inf], [np.inf]], ends)  # on a border, parallel to it
+    return float(ends.min(axis=0).max()), float(ends.max(axis=0).min())
+
+
+def _arc(
+    tip: Array, axis: Array, radius: float, away: Array, aside: Array, lean: float, camera: Camera
+) -> tuple[Array, Array]:
+    """Points (N, 3) mm of the tip's rim that face away from the handle, with their tangents."""
+    half = np.linspace(-1, 1, _ARC_SAMPLES) * (np.pi / 2 + lean)
+    # The lines touch the rim at +-(90 deg + lean) from `away`: one of the two arcs is outside.
+    course = axis[:2] - axis[2] * tip[:2] / tip[2]
+    beyond = camera.project(tip + radius * away) - camera.project(tip)
+    if beyond @ course > 0:
+        half = np.pi + half * (np.pi / 2 - lean) / (np.pi / 2 + lean)
+    turn = half[:, None]
+    rims = tip + radius * (np.cos(turn) * away + np.sin(turn) * aside)
+    along = radius * (np.cos(turn) * aside - np.sin(turn) * away)
+    tangents = along[:, :2] - along[:, 2:] * rims[:, :2] / rims[:, 2:]
+    lengths = np.linalg.norm(tangents, axis=1)
+    tangents = tangents / np.maximum(lengths, 1e-9)[:, None]
+    across = np.abs(tangents @ np.array([-course[1], course[0]]))
+    kept = across > _FACING * max(float(np.linalg.norm(course)), 1e-9)
+    kept &= camera.shows(camera.project(rims)) & (lengths > 1e-9)
+    return rims[kept], tangents[kept]
+
+
+def _motion(rims: Array, normals: Array, pose: Array, camera: Camera) -> Array:
+    """How far rim points (N, 3) move along their normals in the image, (N, 5) px by mm and deg.
+
+    A contour moves across itself as the points of the rigid body that lie on it do.
+    """
+    depth = rims[:, 2:]
+    slope = -np.sum(normals * rims[:, :2], axis=1, keepdims=True) / depth
+    by_point = camera.focal_px / depth * np.concatenate([normals, slope], axis=1)
+    pitch, yaw = np.radians(pose[3:])
+    spins = [[np.sin(yaw), -np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+    torque = np.cross(rims - pose[:3], by_point)
+    return np.concatenate([by_point, np.radians(torque @ np.transpose(spins))], axis=1)

@@ -1,0 +1,61 @@
+"""Fit of one pose to the edges of a mask and of an image."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from shaftpose.core.geometry import Camera
+from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.refinement.edges import Offsets
+
+_LARGEST_STEP = np.array([2.0, 2.0, 4.0, 10.0, 10.0])
+# Standard deviation of an edge's offset. Neighbours share their errors, so it is that of one sample
+# times the root of how many err alike.
+_EDGE_PX = 0.5
+_LEAST_SAMPLES = 8
+
+Search = Callable[[Contour, float], Offsets]
+
+
+class Fit(NamedTuple):
+    """A fitted pose (5,) mm, deg; its covariance (5, 5); the mean contrast along its contour; why
+    it is the start, "" if it is not."""
+
+    pose: Array
+    covariance: Array
+    contrast: float
+    kept: str = ""
+
+
+def fit_pose(
+    start: Array,
+    shaft: Shaft,
+    camera: Camera,
+    search: Search,
+    reaches_px: Sequence[float],
+    prior: Array,
+) -> Fit:
+    """The pose whose contour lies on the edges that `search` finds within each reach in turn.
+
+    Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
+    and how near; `prior` (5,), standard deviations of the start, holds what edges leave open.
+    """
+    pose, precision, contrast = start, np.diag(prior**-2.0), 0.0
+    information = precision
+    for reach_px in reaches_px:
+        contour = shaft_contour(pose, shaft, camera)
+        offsets = search(contour, reach_px)
+        if np.sum(offsets.weights > 0.01) < _LEAST_SAMPLES:
+            return Fit(start, np.diag(prior**2.0), 0.0, "too few edges")
+        weighted = contour.motion.T * (offsets.weights / _EDGE_PX**2)
+        information = weighted @ contour.motion + precision
+        away = start - pose
+        away[4] = (away[4] + 180.0) % 360.0 - 180.0
+        step = np.linalg.solve(information, weighted @ offsets.px + precision @ away)
+        if not np.isfinite(step).all():
+            return Fit(start, np.diag(prior**2.0), 0.0, "no solution")
+        pose = pose + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        contrast = float(offsets.contrast.mean())
+    pose = np.append(pose[:4], pose[4] % 360.0 % 360.0)
+    return Fit(pose, np.linalg.inv(information), contrast)

@@ -1,0 +1,69 @@
+"""Refinement of all detections of an image by a fit to its mask and its edges."""
+
+from functools import partial
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera
+from shaftpose.core.instruments import Detections
+from shaftpose.refinement.contour import Array, Shaft, shaft_contour
+from shaftpose.refinement.edges import image_gradients, image_offsets, mask_offsets
+from shaftpose.refinement.fit import Fit, fit_pose
+
+# What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
+Refinement = Literal["none", "mask", "edges"]
+
+_MASK_REACHES_PX = (7.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.5)
+_EDGE_REACHES_PX = (1.2, 1.2, 1.2, 1.0, 0.8, 0.8)
+# Standard deviations of a network's poses and of poses fitted to a mask, mm and deg.
+_NETWORK_PRIOR = np.array([1.5, 1.5, 4.0, 12.0, 10.0])
+_MASK_PRIOR = np.array([0.3, 0.3, 1.0, 4.0, 1.5])
+_JUDGED_PX = 3.0  # reach within which poses are compared
+
+
+class Refiner:
+    """Fits the poses of one kind of shaft, seen by a pinhole camera."""
+
+    def __init__(self, shaft: Shaft, camera: Camera, refinement: Refinement) -> None:
+        self.shaft, self.camera, self.edges = shaft, camera, refinement == "edges"
+
+    def __call__(
+        self, rgb: NDArray[np.uint8], mask: NDArray[np.float32], found: Detections
+    ) -> Detections:
+        """Detections with fitted poses; their boxes are the extents of the contours in the image.
+
+        rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view.
+        A detection keeps its pose and box if the fit fails or agrees less with the mask.
+        """
+        wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
+        gradients = image_gradients(rgb) if self.edges else None
+        poses, boxes = found.poses.copy(), found.boxes.copy()
+        for row, start in enumerate(found.poses):
+            fit = self._fit(start, wide, gradients)
+            if not fit.kept:
+                points = shaft_contour(fit.pose, self.shaft, self.camera).points
+                poses[row], boxes[row] = fit.pose, [*points.min(axis=0), *points.max(axis=0)]
+        return Detections(boxes, found.scores, poses)
+
+    def _fit(
+        self, start: Array, mask: NDArray[np.float32], gradients: NDArray[np.float32] | None
+    ) -> Fit:
+        in_mask = partial(mask_offsets, mask)
+        fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_REACHES_PX, _NETWORK_PRIOR)
+        if fit.kept or gradients is None:
+            return fit
+        in_image = partial(image_offsets, gradients)
+        polished = fit_pose(
+            fit.pose, self.shaft, self.camera, in_image, _EDGE_REACHES_PX, _MASK_PRIOR
+        )
+        return fit if polished.kept else polished
+
+    def agreement(self, pose: Array, mask: NDArray[np.float32]) -> float:
+        """How well the contour of a pose lies on the mask's edges, in [0, 1]."""
+        contour = shaft_contour(pose, self.shaft, self.camera)
+        if not len(contour.points):
+            return 0.0
+        return float(mask_offsets(mask, contour, _JUDGED_PX).weights.mean())
