@@ -34,13 +34,27 @@ class Shaft(NamedTuple):
 class Contour(NamedTuple):
     """Samples of a contour inside the image.
 
-    points: (N, 2) px; normals: (N, 2), unit vectors out of the silhouette; motion: (N, 5), the
-    points' displacement along their normals in px for each mm and deg of the pose.
+    points: (N, 2) px; normals: (N, 2), unit vectors out of the silhouette; lengths: (N,) px of
+    contour that each stands for; motion: (N, 5), displacement along the normals in px for each mm
+    and deg of the pose.
     """
 
     points: Array
     normals: Array
+    lengths: Array
     motion: Array
+
+
+class _Part(NamedTuple):
+    """A part of a contour: points (N, 3) on the shaft in mm, their tangents (N, 2) in the image,
+    and the lengths (N,) px that they stand for."""
+
+    rims: Array
+    tangents: Array
+    lengths: Array
+
+
+_NO_PART = _Part(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
 
 
 def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
@@ -54,7 +68,7 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     if not (
         np.isfinite(pose).all() and distance > 1.001 * radius and tip[2] > radius + _LEAST_DEPTH_MM
     ):
-        return Contour(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 5)))
+        return Contour(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 5)))
     away = across / distance
     aside = np.cross(axis, away)
     lean = np.arcsin(radius / distance)  # between a touching plane and the plane of the axis
@@ -62,32 +76,32 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     parts = [_line(tip + radius * contact, axis, shaft.length_mm, camera) for contact in contacts]
     if shaft.flat_tip:
         parts.append(_arc(tip, axis, radius, away, aside, lean, camera))
-    rims, tangents = (np.concatenate(both) for both in zip(*parts, strict=True))
+    rims, tangents, lengths = (np.concatenate(same) for same in zip(*parts, strict=True))
     points = camera.project(rims)
     inner = camera.project(tip + np.maximum((rims - tip) @ axis, radius)[:, None] * axis)
     normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
     normals *= np.sign(np.sum(normals * (points - inner), axis=1))[:, None]
-    return Contour(points, normals, _motion(rims, normals, pose, camera))
+    return Contour(points, normals, lengths, _motion(rims, normals, pose, camera))
 
 
-def _line(start: Array, axis: Array, length_mm: float, camera: Camera) -> tuple[Array, Array]:
-    """Points (N, 3) mm of the line start + t axis, 0 <= t <= length_mm, that are evenly spaced in
-    the image, and their tangents (N, 2) in the image."""
+def _line(start: Array, axis: Array, length_mm: float, camera: Camera) -> _Part:
+    """The line start + t axis, 0 <= t <= length_mm, with points evenly spaced in the image."""
     course = camera.focal_px * (axis[:2] - axis[2] * start[:2] / start[2])
     speed = float(np.linalg.norm(course))
     if speed < 1e-6:  # seen end-on
-        return np.empty((0, 3)), np.empty((0, 2))
+        return _NO_PART
     # The image of t lies t speed / (z + t axis_z) px from the image of `start`.
     end_depth = start[2] + length_mm * axis[2]
     most = length_mm * speed / end_depth if end_depth > 0 else np.inf
     low, high = _inside(camera.project(start), course / speed, camera)
     low, high = max(low, 0.0) + _MARGIN_PX, min(high, most) - _MARGIN_PX
     if not low < high:
-        return np.empty((0, 3)), np.empty((0, 2))
+        return _NO_PART
     count = int(np.clip((high - low) / _SPACING_PX, 4, _MOST_SAMPLES))
     px = np.linspace(low, high, count)
     t = px * start[2] / (speed - px * axis[2])
-    return start + t[:, None] * axis, np.tile(course / speed, (count, 1))
+    tangents = np.tile(course / speed, (count, 1))
+    return _Part(start + t[:, None] * axis, tangents, np.full(count, (high - low) / count))
 
 
 def _inside(start: Array, direction: Array, camera: Camera) -> tuple[float, float]:
@@ -100,8 +114,8 @@ def _inside(start: Array, direction: Array, camera: Camera) -> tuple[float, floa
 
 def _arc(
     tip: Array, axis: Array, radius: float, away: Array, aside: Array, lean: float, camera: Camera
-) -> tuple[Array, Array]:
-    """Points (N, 3) mm of the tip's rim that face away from the handle, with their tangents."""
+) -> _Part:
+    """The part of the tip's rim that faces away from the handle."""
     half = np.linspace(-1, 1, _ARC_SAMPLES) * (np.pi / 2 + lean)
     # The lines touch the rim at +-(90 deg + lean) from `away`: one of the two arcs is outside.
     course = axis[:2] - axis[2] * tip[:2] / tip[2]
@@ -112,12 +126,13 @@ def _arc(
     rims = tip + radius * (np.cos(turn) * away + np.sin(turn) * aside)
     along = radius * (np.cos(turn) * aside - np.sin(turn) * away)
     tangents = along[:, :2] - along[:, 2:] * rims[:, :2] / rims[:, 2:]
-    lengths = np.linalg.norm(tangents, axis=1)
-    tangents = tangents / np.maximum(lengths, 1e-9)[:, None]
+    speeds = np.linalg.norm(tangents, axis=1)
+    tangents = tangents / np.maximum(speeds, 1e-9)[:, None]
+    lengths = camera.focal_px / rims[:, 2] * speeds * abs(half[1] - half[0])
     across = np.abs(tangents @ np.array([-course[1], course[0]]))
     kept = across > _FACING * max(float(np.linalg.norm(course)), 1e-9)
-    kept &= camera.shows(camera.project(rims)) & (lengths > 1e-9)
-    return rims[kept], tangents[kept]
+    kept &= camera.shows(camera.project(rims)) & (speeds > 1e-9)
+    return _Part(rims[kept], tangents[kept], lengths[kept])
 
 
 def _motion(rims: Array, normals: Array, pose: Array, camera: Camera) -> Array:

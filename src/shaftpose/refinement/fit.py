@@ -10,9 +10,9 @@ from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
 
 _LARGEST_STEP = np.array([2.0, 2.0, 4.0, 10.0, 10.0])
-# Standard deviation of an edge's offset. Neighbours share their errors, so it is that of one sample
-# times the root of how many err alike.
-_EDGE_PX = 0.5
+# Standard deviation of the offset of an edge 1 px long; of one n px long, it is this by root n.
+# Neighbours share their errors, so it is larger than that of a single sample.
+EDGE_PX = 1.0
 _LEAST_SAMPLES = 8
 
 Search = Callable[[Contour, float], Offsets]
@@ -45,10 +45,12 @@ def fit_pose(
     information = precision
     for reach_px in reaches_px:
         contour = shaft_contour(pose, shaft, camera)
+        if len(contour.points) < _LEAST_SAMPLES:
+            return Fit(start, np.diag(prior**2.0), 0.0, "no contour in view")
         offsets = search(contour, reach_px)
         if np.sum(offsets.weights > 0.01) < _LEAST_SAMPLES:
             return Fit(start, np.diag(prior**2.0), 0.0, "too few edges")
-        weighted = contour.motion.T * (offsets.weights / _EDGE_PX**2)
+        weighted = contour.motion.T * (offsets.weights * contour.lengths / EDGE_PX**2)
         information = weighted @ contour.motion + precision
         away = start - pose
         away[4] = (away[4] + 180.0) % 360.0 - 180.0

@@ -16,7 +16,7 @@ from shaftpose.refinement.fit import Fit, fit_pose
 # What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
 Refinement = Literal["none", "mask", "edges"]
 
-_MASK_REACHES_PX = (7.0, 6.0, 5.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.5)
+_MASK_REACHES_PX = (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)
 _EDGE_REACHES_PX = (1.2, 1.2, 1.2, 1.0, 0.8, 0.8)
 # Standard deviations of a network's poses and of poses fitted to a mask, mm and deg.
 _NETWORK_PRIOR = np.array([1.5, 1.5, 4.0, 12.0, 10.0])

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import mask_box
+from shaftpose.core.instruments import Detections
+from shaftpose.refinement.refiner import Refinement, Refiner
+from tests.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
+
+OFF = np.array([0.5, -0.4, 1.5, 5.0, -4.0])
+NEAR = np.array([0.05, 0.05, 0.2, 0.8, 0.3])
+
+
+def detections(*poses: NDArray[np.float64]) -> Detections:
+    return Detections(np.zeros((len(poses), 4)), np.ones(len(poses)), np.array(poses))
+
+
+def grey(mask: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A bright shaft on dark tissue."""
+    return np.repeat((60 + 120 * mask).astype(np.uint8)[..., None], 3, axis=2)
+
+
+@pytest.mark.parametrize("refinement", ["mask", "edges"])
+def test_poses_and_boxes_are_those_of_the_silhouette(refinement: Refinement) -> None:
+    mask = soft_mask(POSES[0])
+    found = Refiner(SHAFT, CAMERA, refinement)(grey(mask), mask, detections(POSES[0] + OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < NEAR)
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 2.5)
+
+
+def test_edges_of_the_image_correct_a_wrong_mask() -> None:
+    true = POSES[0]
+    wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
+    refined = {
+        name: Refiner(SHAFT, CAMERA, name)(grey(soft_mask(true)), wider, detections(true + OFF))
+        for name in ("mask", "edges")
+    }
+    depth_errors = {name: abs(found.poses[0, 2] - true[2]) for name, found in refined.items()}
+    assert depth_errors["edges"] < 0.3 < depth_errors["mask"]
+
+
+def test_two_shafts_are_fitted_apart() -> None:
+    poses = POSES[0], np.array([-8.0, 5.0, 22.0, 65.0, 130.0])
+    mask = np.maximum(*(soft_mask(pose) for pose in poses))
+    starts = detections(*(pose + OFF for pose in poses))
+    found = Refiner(SHAFT, CAMERA, "mask")(grey(mask), mask, starts)
+    assert np.all(np.abs(found.poses - poses) < 2 * NEAR)
+
+
+def test_a_smaller_mask_covers_the_same_view() -> None:
+    mask = soft_mask(POSES[0])
+    half = mask[:298, :298].reshape(149, 2, 149, 2).mean(axis=(1, 3))
+    rgb = grey(mask)[:298, :298]
+    found = Refiner(SHAFT, CAMERA, "mask")(rgb, half, detections(POSES[0] + OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.5, 2.0, 0.5])
+
+
+def test_a_hidden_part_has_no_say() -> None:
+    mask, rgb = soft_mask(POSES[0]), grey(soft_mask(POSES[0]))
+    mask[150:175] = 0.0  # across the shaft
+    found = Refiner(SHAFT, CAMERA, "mask")(rgb, mask, detections(POSES[0] + 0.5 * OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.4, 1.5, 0.5])
+
+
+def test_a_detection_without_edges_stays_as_it_is() -> None:
+    start = detections(POSES[0], np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
+    empty = np.zeros((299, 299), np.float32)
+    found = Refiner(SHAFT, CAMERA, "edges")(grey(empty), empty, start)
+    assert np.array_equal(found.poses, start.poses, equal_nan=True)
+    assert np.array_equal(found.boxes, start.boxes)
+
+
+def test_an_image_without_detections() -> None:
+    empty = np.zeros((299, 299), np.float32)
+    none = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    assert len(Refiner(SHAFT, CAMERA, "edges")(grey(empty), empty, none).scores) == 0
