@@ -24,7 +24,7 @@ def main(settings: Settings) -> None:
     fitting = Predictor(model / "model.onnx", detection.refine)
     confidence = confidence_threshold(detection.confidence_threshold, network)
     alone = ModelResults(network, images, keys, confidence)
-    fitted = ModelResults(fitting, images, keys, confidence) if fitting.refines else None
+    fitted = ModelResults(fitting, images, keys, confidence) if fitting.refiner else None
     figures = (fitted or alone).write_figures(settings.out / "figures", name)
     metrics = flat(alone, fitted)
     write_json(settings.out / "metrics.json", metrics)

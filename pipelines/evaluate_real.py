@@ -22,7 +22,7 @@ def main(settings: Settings) -> None:
     sets = silhouette_sets(middle_camera(rendering), read_domain())
     render = SilhouetteRenderer(rendering)
     scores = compare_silhouettes(network, render, sets, confidence, picture)
-    if fitting.refines:
+    if fitting.refiner:
         fitted = compare_silhouettes(fitting, render, sets, confidence, picture)
         scores |= {f"fitted/{name}": score for name, score in fitted.items()}
     for folder in (settings.out, settings.results):

@@ -42,7 +42,8 @@ class Predictor:
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
         self.facts = ModelFacts.from_text(self._session.get_modelmeta().custom_metadata_map)
-        self._refiner = self._made(refine) if _MASK in names else None
+        # None for a model without a mask and for an instrument of unknown diameter.
+        self.refiner = self._made(refine) if _MASK in names else None
 
     @property
     def side_px(self) -> int:
@@ -66,12 +67,6 @@ class Predictor:
         """The camera that the model was trained for."""
         return Camera.from_field_of_view(self.side_px, self.side_px, self.facts.view_deg)
 
-    @property
-    def refines(self) -> bool:
-        """Whether poses are fitted to the mask: not for a model without a mask, nor for an
-        instrument of unknown diameter."""
-        return self._refiner is not None
-
     def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""
         boxes, scores, poses, *masks = self._session.run(None, {"image": images})
@@ -79,9 +74,9 @@ class Predictor:
             Detections(b[s > 0].astype(float), s[s > 0].astype(float), p[s > 0].astype(float))
             for b, s, p in zip(boxes, scores, poses, strict=True)
         ]
-        if self._refiner is None:
+        if self.refiner is None:
             return found
-        return [self._refiner(*each) for each in zip(images, *masks, found, strict=True)]
+        return [self.refiner(*each) for each in zip(images, *masks, found, strict=True)]
 
     def _made(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm

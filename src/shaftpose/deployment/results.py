@@ -20,7 +20,12 @@ from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.metrics import Metrics, evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
-from shaftpose.figures.accuracy_figures import pose_error_figure, precision_recall_figure
+from shaftpose.figures.accuracy_figures import (
+    error_over_bound_figure,
+    pose_error_figure,
+    precision_recall_figure,
+)
+from shaftpose.refinement.bound import pose_bound
 from shaftpose.settings.parts import PoseRanges
 
 DRAWN_IMAGES, COLUMNS = 12, 4
@@ -36,6 +41,7 @@ class ModelResults:
         self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
     ) -> None:
         self.shards, self.keys, self.confidence = shards, keys, confidence
+        self.refiner = predictor.refiner
         self.found, self.known = predict_shards(predictor, shards, keys)
         metrics = evaluate(self.found, self.known, confidence)
         fps = predictor.frames_per_second(shards.rgb(keys[0]))
@@ -53,6 +59,14 @@ class ModelResults:
         save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
         save_figure(pose_error_figure(self.errors), figures["pose errors"])
         write_jpeg(self._sheet(), figures["predictions"], quality=88)
+        if self.refiner is not None:
+            figures["errors over bounds"] = folder / "errors_over_bounds.png"
+            bounds = [
+                pose_bound(pose, self.refiner.shaft, self.refiner.camera)
+                for pose in self.errors.true_poses
+            ]
+            figure = error_over_bound_figure(self.errors, np.reshape(bounds, (-1, 5)))
+            save_figure(figure, figures["errors over bounds"])
         return figures
 
     def _sheet(self) -> np.ndarray:

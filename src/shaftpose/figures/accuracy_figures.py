@@ -50,6 +50,22 @@ def pose_error_figure(errors: PoseErrors) -> Figure:
     return figure
 
 
+def error_over_bound_figure(errors: PoseErrors, bounds: Array) -> Figure:
+    """Absolute errors divided by their Cramer-Rao bounds (M, 5), by true depth and pitch."""
+    figure = new_figure(15.0, 5.8)
+    panels = figure.subplots(2, len(POSE_LABELS))
+    known = np.isfinite(bounds).all(axis=1)
+    for row, dimension in enumerate((2, 3)):
+        true = errors.true_poses[known, dimension]
+        for axes, ratios, label in zip(
+            panels[row], (errors.absolute[known] / bounds[known]).T, POSE_LABELS, strict=True
+        ):
+            _draw_quartiles(axes, true, ratios)
+            finish(axes, f"true {POSE_LABELS[dimension]}", f"error / bound of {label.split()[0]}")
+    legend(figure, panels[0, 0])
+    return figure
+
+
 def _draw_quartiles(axes: Axes, true: Array, absolute: Array) -> None:
     """Median line and quartile band over equally wide bins of the true value."""
     if not len(true):
