@@ -1,8 +1,8 @@
 """Evaluate trainings of a sweep and record them for docs/results.md.
 
 `python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
-evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`. The
-settings are those of params.yaml, with the overrides of the training's command given by `--with`.
+evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and
+another file for the fitted poses of a network with a mask. The settings are those of params.yaml, with the overrides of the training's command given by `--with`.
 """
 
 import argparse
@@ -17,6 +17,7 @@ from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.json_files import read_json, write_json
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import variant_row
+from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
 from studies.record import (
     TrainingRecord,
@@ -39,7 +40,7 @@ def main() -> None:
             check(folder, data)
         for folder in arguments.folders:
             evaluate(folder, arguments.settings)
-            print(f"recorded in {record(folder)}")
+            print(f"recorded in {', '.join(map(str, record(folder)))}")
     except InputError as error:
         sys.exit(f"error: {error}")
 
@@ -84,11 +85,21 @@ def variant_of(folder: Path) -> str:
     return str(identity_of(folder / "model.ckpt")["variant"])
 
 
-def record(folder: Path) -> Path:
-    """Write the record of the training for `make results`; returns its path."""
+def record(folder: Path) -> list[Path]:
+    """Write the records of the training for `make results`; returns their paths."""
     training, result = noted(folder), read_json(folder / "evaluation.json", "evaluate it again")
-    variant = variant_of(folder)
-    one = TrainingRecord(
+    paths = []
+    for name, one in with_fits({variant_of(folder): result}).items():
+        paths.append(RECORDS / f"{name}-{training['seed']}-{training['training_id'][:8]}.json")
+        write_json(paths[-1], training_record(name, training, one).as_plain())
+    return paths
+
+
+def training_record(
+    variant: str, training: dict[str, Any], result: dict[str, Any]
+) -> TrainingRecord:
+    """The record of one training from its facts and the results of its evaluation."""
+    return TrainingRecord(
         row=variant_row(variant, result),
         recipe={**training["recipe"], "detection": result["detection"]},
         variant=training["variant"],
@@ -98,9 +109,6 @@ def record(folder: Path) -> Path:
         found=FoundInstruments(**result["found"]),
         curves=validation_curves(result["curves"]),
     )
-    path = RECORDS / f"{variant}-{training['seed']}-{training['training_id'][:8]}.json"
-    write_json(path, one.as_plain())
-    return path
 
 
 if __name__ == "__main__":

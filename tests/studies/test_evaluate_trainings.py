@@ -43,6 +43,7 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
         "title": "D + noise + real", "training": training,
         "metrics": {"mAP": 0.5, "images": 20}, "binned_errors": as_plain(BINNED),
         "found": asdict(FOUND), "detection": {"overlap": 0.45},
+        "fitted": {"metrics": {"mAP": 0.75, "images": 20}},
         "curves": [[9, "training/box", 1.0], [9, "validation/mAP", 0.25]],
     }  # fmt: skip
     (trained / "evaluation.json").write_text(json.dumps(evaluation))
@@ -51,9 +52,13 @@ def write_training(folder: Path, training: dict[str, Any]) -> Path:
 
 def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    path = evaluate_trainings.record(write_training(tmp_path, TRAINING))
-    assert path == Path("reports/trainings/d_noise_real-7-01234567.json")
-    (record,) = results_page.records(tmp_path)
+    paths = evaluate_trainings.record(write_training(tmp_path, TRAINING))
+    assert paths == [
+        Path(f"reports/trainings/{name}-7-01234567.json")
+        for name in ("d_noise_real", "d_noise_real_fitted")
+    ]
+    record, fitted = results_page.records(tmp_path)
+    assert (fitted.row.title, fitted.row.metrics["mAP"]) == ("D + noise + real + fit", 0.75)
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.width, record.row.depth) == (0.125, 0.25)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
