@@ -6,8 +6,8 @@ from shaftpose import tracking
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.prediction import confidence_threshold
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.deployment.results import ModelResults, flat, read_curves
+from shaftpose.deployment.predictor import network_and_fit
+from shaftpose.deployment.results import ModelResults, flat, for_report, read_curves
 from shaftpose.json_files import read_training, write_json
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.stage import stage
@@ -20,16 +20,12 @@ def main(settings: Settings) -> None:
     name, model, detection = settings.variant.name, settings.model_folder, settings.detection
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
     keys = read_keys(Path("data/split"), "test")
-    network = Predictor(model / "model.onnx", "none")
-    fitting = Predictor(model / "model.onnx", detection.refine)
-    confidence = confidence_threshold(detection.confidence_threshold, network)
-    alone = ModelResults(network, images, keys, confidence)
-    fitted = ModelResults(fitting, images, keys, confidence) if fitting.refiner else None
-    figures = (fitted or alone).write_figures(settings.out / "figures", name)
-    metrics = flat(alone, fitted)
+    predictors = network_and_fit(model / "model.onnx", detection.refine)
+    confidence = confidence_threshold(detection.confidence_threshold, predictors[0])
+    found = [ModelResults(predictor, images, keys, confidence) for predictor in predictors]
+    figures, metrics = found[-1].write_figures(settings.out / "figures", name), flat(*found)
     write_json(settings.out / "metrics.json", metrics)
-    results = alone.for_report(settings.rendering.poses) | {
-        "fitted": fitted and fitted.for_report(settings.rendering.poses),
+    results = for_report(settings.rendering.poses, *found) | {
         "title": settings.variant.title,
         "training": training,
         "detection": as_plain(detection),

@@ -28,6 +28,7 @@ from shaftpose.evaluation.metrics import Metrics
 from shaftpose.json_files import read_json
 from shaftpose.report.report import pipe_table
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
+from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check, noted
 from studies.model_comparison import Comparison, compare
@@ -81,16 +82,20 @@ def bundle(folder: Path, results: Path, root: Path) -> None:
 
 
 def evaluated(folder: Path, results: Path) -> Mapping[str, Any]:
-    """The recorded results of the folder's training. Raises InputError if there are none."""
+    """The recorded results of the folder's training, of fitted poses if it has them.
+
+    Raises InputError if there are none.
+    """
     path, remedy = (
         results / "evaluation.json",
         f"run `python -m studies.evaluate_trainings {folder}`",
     )
-    result: Mapping[str, Any] = read_json(path, f"{remedy}, or name its folder by --results")
+    result: dict[str, Any] = read_json(path, f"{remedy}, or name its folder by --results")
     with whole(str(path), remedy):
         if result["training"]["training_id"] != noted(folder)["training_id"]:
             raise InputError(f"{path}: belongs to another training than {folder}; {remedy}")
-    return result
+        *_, as_used = with_fits({"": result}).values()
+    return as_used
 
 
 def store(exported: Path, folder: Path) -> Path:

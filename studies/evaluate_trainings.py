@@ -1,8 +1,9 @@
 """Evaluate trainings of a sweep and record them for docs/results.md.
 
 `python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
-evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and
-another file for the fitted poses of a network with a mask. The settings are those of params.yaml, with the overrides of the training's command given by `--with`.
+evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and a
+second file for fitted poses. The settings are those of params.yaml, with the overrides of the
+training's command given by `--with`.
 """
 
 import argparse

@@ -4,20 +4,46 @@ import numpy as np
 
 from shaftpose.refinement.contour import Array, Contour
 from shaftpose.refinement.edges import Offsets, mask_offsets
-from shaftpose.refinement.fit import EDGE_PX, fit_pose
+from shaftpose.refinement.fit import EDGE_PX, Stage, fit_pose
 from tests.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
-LOOSE = np.array([100.0, 100.0, 100.0, 300.0, 300.0])
-REACHES_PX = (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)
+# Of the tip in px, the logarithm of its depth, and both angles in deg.
+LOOSE, USUAL = np.array([1e3, 1e3, 10.0, 1e3, 1e3]), np.array([5.0, 5.0, 0.2, 12.0, 10.0])
+STAGES = [Stage(px) for px in (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)]
 
 
 def test_a_mask_gives_back_its_pose() -> None:
     for pose in POSES:
         start = pose + [0.4, -0.3, 1.0, 4.0, -3.0]
         search = partial(mask_offsets, soft_mask(pose))
-        fit = fit_pose(start, SHAFT, CAMERA, search, REACHES_PX, LOOSE)
+        fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, LOOSE)
         assert not fit.kept
         assert np.all(np.abs(fit.pose - pose) < [0.05, 0.05, 0.15, 0.6, 0.2])
+
+
+def test_a_stage_ends_at_its_distance_from_the_tip() -> None:
+    pose = POSES[0]
+    tip = CAMERA.project(pose[:3])
+
+    def misleading_far_off(contour: Contour, reach_px: float) -> Offsets:
+        far = np.linalg.norm(contour.points - tip, axis=1) > 60
+        ones = np.ones(len(far))
+        return Offsets(10.0 * far * contour.normals[:, 0], ones, ones)
+
+    near, whole = (
+        fit_pose(pose, SHAFT, CAMERA, misleading_far_off, [stage], LOOSE).pose
+        for stage in (Stage(1, 50), Stage(1))
+    )
+    assert np.allclose(near, pose)
+    assert abs(whole[4] - pose[4]) > 1
+
+
+def test_depth_changes_along_the_ray() -> None:
+    pose = POSES[1]
+    start = np.array([*(1.2 * pose[:3]), *pose[3:]])  # 20 % too far, at the same place in the image
+    search = partial(mask_offsets, soft_mask(pose))
+    fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, USUAL)
+    assert np.all(np.abs(fit.pose - pose) < [0.1, 0.1, 0.2, 0.6, 0.2])
 
 
 def test_yaw_crosses_zero() -> None:
@@ -25,7 +51,7 @@ def test_yaw_crosses_zero() -> None:
     search = partial(mask_offsets, soft_mask(pose))
     for yaw_deg in (358.0, 4.0):
         start = np.array([0.0, 0.0, 20.0, 70.0, yaw_deg])
-        fit = fit_pose(start, SHAFT, CAMERA, search, REACHES_PX, np.array([2, 2, 4, 12, 10.0]))
+        fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, USUAL)
         assert abs(fit.pose[4] - 1.0) < 0.2
 
 
@@ -40,7 +66,7 @@ def test_covariance_is_that_of_repeated_fits() -> None:
     scaled = []
     for _ in range(300):
         current = true
-        fit = fit_pose(true, SHAFT, CAMERA, noisy, (1.0,), LOOSE)
+        fit = fit_pose(true, SHAFT, CAMERA, noisy, [Stage(1.0)], LOOSE)
         scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance)))
     assert np.allclose(np.std(scaled, axis=0), 1, atol=0.12)
     assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.2)
@@ -49,17 +75,17 @@ def test_covariance_is_that_of_repeated_fits() -> None:
 def test_what_edges_leave_open_stays_at_the_start() -> None:
     true, start = POSES[0], POSES[0] + [0.0, 0.0, 0.0, 5.0, 0.0]
     search = partial(mask_offsets, soft_mask(true))
-    firm = np.array([2.0, 2.0, 4.0, 1e-3, 10.0])
-    fit = fit_pose(start, SHAFT, CAMERA, search, REACHES_PX, firm)
+    firm = USUAL * [1, 1, 1, 1e-4, 1]
+    fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, firm)
     assert abs(fit.pose[3] - start[3]) < 1e-3
 
 
 def test_without_edges_the_start_is_kept() -> None:
     start: Array = POSES[0]
     for mask in (np.zeros((299, 299), np.float32), np.ones((299, 299), np.float32)):
-        fit = fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), REACHES_PX, LOOSE)
+        fit = fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, LOOSE)
         assert fit.kept == "too few edges"
         assert np.array_equal(fit.pose, start)
     nowhere = np.array([0.0, 0.0, -5.0, 70.0, 0.0])
     search = partial(mask_offsets, soft_mask(start))
-    assert fit_pose(nowhere, SHAFT, CAMERA, search, REACHES_PX, LOOSE).kept
+    assert fit_pose(nowhere, SHAFT, CAMERA, search, STAGES, LOOSE).kept

@@ -57,7 +57,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     constant_model.rename(folder / "model.onnx")
     # The best detection is right in four of five images.
-    edit(folder / "evaluation.json", metrics={"mAP": 0.8})
+    edit(folder / "evaluation.json", metrics={"mAP": 0.8}, fitted=None)
     return folder
 
 

@@ -96,3 +96,9 @@ class Predictor:
             self(image[None])
             seconds.append(time.perf_counter() - start)
         return float(1 / np.median(seconds[3:]))
+
+
+def network_and_fit(path: Path, refine: Refinement) -> list[Predictor]:
+    """The model's network alone and, if its poses can be fitted, the model with the fit."""
+    fitting = Predictor(path, refine)
+    return [Predictor(path, "none"), *([fitting] if fitting.refiner else [])]

@@ -88,7 +88,14 @@ class ModelResults:
         }
 
 
-def flat(alone: ModelResults, fitted: ModelResults | None) -> dict[str, float | int | None]:
+def for_report(
+    ranges: PoseRanges, alone: ModelResults, fitted: ModelResults | None = None
+) -> dict[str, Any]:
+    """The values for the report of a network and, as `fitted`, of its fitted poses."""
+    return alone.for_report(ranges) | {"fitted": fitted and fitted.for_report(ranges)}
+
+
+def flat(alone: ModelResults, fitted: ModelResults | None = None) -> dict[str, float | int | None]:
     """The metrics of a network, and those of its fitted poses as `fitted/...`."""
     if fitted is None:
         return alone.metrics.as_dict()

@@ -17,19 +17,35 @@ from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.silhouette_iou import silhouette_score
 
 DRAWN_IMAGES = 4  # of each set
+FITTED = "fitted/"  # prefix of the sets on which fitted poses were measured
 
 # Poses (N, 5) and a camera -> masks (N, H, W).
 Render = Callable[[NDArray[np.float64], Camera], Sequence[NDArray[np.bool_]]]
 
 
 def compare_silhouettes(
+    predictors: Sequence[Predictor],
+    render: Render,
+    sets: Mapping[str, Sequence[MaskedImage]],
+    confidence: float,
+    picture: Path,
+) -> dict[str, dict[str, float]]:
+    """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
+    fitted poses; draws the first images of each set and the last predictor's poses."""
+    scores = dict[str, dict[str, float]]()
+    for prefix, predictor in zip(("", FITTED), predictors, strict=False):
+        measured = _compare(predictor, render, sets, confidence, picture)
+        scores |= {f"{prefix}{name}": score for name, score in measured.items()}
+    return scores
+
+
+def _compare(
     predictor: Predictor,
     render: Render,
     sets: Mapping[str, Sequence[MaskedImage]],
     confidence: float,
     picture: Path,
 ) -> dict[str, dict[str, float]]:
-    """Detected rate and IoU by set; draws the first images of each into `picture`."""
     scores, drawn = {}, list[Image]()
     for name, images in sets.items():
         found = predict(predictor, (image.rgb for image in images), len(images))

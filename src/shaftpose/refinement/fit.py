@@ -9,13 +9,25 @@ from shaftpose.core.geometry import Camera
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
 
-_LARGEST_STEP = np.array([2.0, 2.0, 4.0, 10.0, 10.0])
+# The parameters of a fit are the tip in the image (px, px), the logarithm of its depth, pitch and
+# yaw (deg): a network errs along the ray through the tip far more than across it.
+_LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
 # Standard deviation of the offset of an edge 1 px long; of one n px long, it is this by root n.
 # Neighbours share their errors, so it is larger than that of a single sample.
 EDGE_PX = 1.0
 _LEAST_SAMPLES = 8
 
 Search = Callable[[Contour, float], Offsets]
+
+
+class Stage(NamedTuple):
+    """One iteration: how far from the contour edges are looked for, and how far from the tip.
+
+    Near the tip a wrong axis displaces the contour less.
+    """
+
+    reach_px: float
+    length_px: float = np.inf
 
 
 class Fit(NamedTuple):
@@ -33,31 +45,63 @@ def fit_pose(
     shaft: Shaft,
     camera: Camera,
     search: Search,
-    reaches_px: Sequence[float],
+    stages: Sequence[Stage],
     prior: Array,
 ) -> Fit:
-    """The pose whose contour lies on the edges that `search` finds within each reach in turn.
+    """The pose whose contour lies on the edges that `search` finds in each stage in turn.
 
     Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
-    and how near; `prior` (5,), standard deviations of the start, holds what edges leave open.
+    and how near; `prior` (5,), standard deviations of the start's parameters, holds what edges
+    leave open.
     """
     pose, precision, contrast = start, np.diag(prior**-2.0), 0.0
-    information = precision
-    for reach_px in reaches_px:
+    if not np.isfinite(start).all() or start[2] <= 0:
+        return _kept(start, prior, camera, "no contour in view")
+    information, kept = precision, "no stages"
+    for stage in stages:
         contour = shaft_contour(pose, shaft, camera)
         if len(contour.points) < _LEAST_SAMPLES:
-            return Fit(start, np.diag(prior**2.0), 0.0, "no contour in view")
-        offsets = search(contour, reach_px)
-        if np.sum(offsets.weights > 0.01) < _LEAST_SAMPLES:
-            return Fit(start, np.diag(prior**2.0), 0.0, "too few edges")
-        weighted = contour.motion.T * (offsets.weights * contour.lengths / EDGE_PX**2)
-        information = weighted @ contour.motion + precision
-        away = start - pose
+            return _kept(start, prior, camera, "no contour in view")
+        offsets = search(contour, stage.reach_px)
+        near = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1) < stage.length_px
+        weights = offsets.weights * near
+        kept = "too few edges" if np.sum(weights > 0.01) < _LEAST_SAMPLES else ""
+        if kept:  # perhaps behind an occluder: further from the tip there may be more
+            continue
+        motion = contour.motion @ _spread(pose, camera)
+        weighted = motion.T * (weights * contour.lengths / EDGE_PX**2)
+        information = weighted @ motion + precision
+        away = _parameters(start, camera) - _parameters(pose, camera)
         away[4] = (away[4] + 180.0) % 360.0 - 180.0
         step = np.linalg.solve(information, weighted @ offsets.px + precision @ away)
-        if not np.isfinite(step).all():
-            return Fit(start, np.diag(prior**2.0), 0.0, "no solution")
-        pose = pose + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+        pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
         contrast = float(offsets.contrast.mean())
-    pose = np.append(pose[:4], pose[4] % 360.0 % 360.0)
-    return Fit(pose, np.linalg.inv(information), contrast)
+    if kept:
+        return _kept(start, prior, camera, kept)
+    spread = _spread(pose, camera)
+    return Fit(pose, spread @ np.linalg.inv(information) @ spread.T, contrast)
+
+
+def _kept(start: Array, prior: Array, camera: Camera, reason: str) -> Fit:
+    spread = _spread(start, camera)
+    return Fit(start, spread @ np.diag(prior**2.0) @ spread.T, 0.0, reason)
+
+
+def _parameters(pose: Array, camera: Camera) -> Array:
+    return np.array([*camera.project(pose[:3]), np.log(pose[2]), *pose[3:]])
+
+
+def _spread(pose: Array, camera: Camera) -> Array:
+    """Derivatives (5, 5) of the pose by the parameters."""
+    spread = np.eye(5)
+    spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
+    spread[:3, 2] = pose[:3]
+    return spread
+
+
+def _moved(pose: Array, step: Array, camera: Camera) -> Array:
+    """The pose after a step of the parameters."""
+    u, v, log_depth, pitch, yaw = _parameters(pose, camera) + step
+    depth = np.exp(log_depth)
+    x, y = (np.array([u, v]) - [camera.cx, camera.cy]) / camera.focal_px * depth
+    return np.array([x, y, depth, pitch, yaw % 360.0 % 360.0])

@@ -11,16 +11,19 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.refinement.edges import image_gradients, image_offsets, mask_offsets
-from shaftpose.refinement.fit import Fit, fit_pose
+from shaftpose.refinement.fit import Fit, Stage, fit_pose
 
 # What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
 Refinement = Literal["none", "mask", "edges"]
 
-_MASK_REACHES_PX = (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)
-_EDGE_REACHES_PX = (1.2, 1.2, 1.2, 1.0, 0.8, 0.8)
-# Standard deviations of a network's poses and of poses fitted to a mask, mm and deg.
-_NETWORK_PRIOR = np.array([1.5, 1.5, 4.0, 12.0, 10.0])
-_MASK_PRIOR = np.array([0.3, 0.3, 1.0, 4.0, 1.5])
+_MASK_STAGES = tuple(
+    Stage(*px) for px in ((12, 40), (10, 40), (10, 60), (9, 90), (8, 130), (7, 190), (6, 280))
+) + tuple(Stage(reach_px) for reach_px in (5, 4, 3, 2, 1.5, 1.5))
+_EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (1.2, 1.2, 1.2, 1.0, 0.8, 0.8))
+# Standard deviations of the parameters of a network's poses, and of poses fitted to a mask: see
+# `shaftpose.refinement.fit`.
+_NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
+_MASK_PRIOR = np.array([1.0, 1.0, 0.05, 4.0, 1.5])
 _JUDGED_PX = 3.0  # reach within which poses are compared
 
 
@@ -52,13 +55,11 @@ class Refiner:
         self, start: Array, mask: NDArray[np.float32], gradients: NDArray[np.float32] | None
     ) -> Fit:
         in_mask = partial(mask_offsets, mask)
-        fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_REACHES_PX, _NETWORK_PRIOR)
+        fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _NETWORK_PRIOR)
         if fit.kept or gradients is None:
             return fit
         in_image = partial(image_offsets, gradients)
-        polished = fit_pose(
-            fit.pose, self.shaft, self.camera, in_image, _EDGE_REACHES_PX, _MASK_PRIOR
-        )
+        polished = fit_pose(fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, _MASK_PRIOR)
         return fit if polished.kept else polished
 
     def agreement(self, pose: Array, mask: NDArray[np.float32]) -> float:
