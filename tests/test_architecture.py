@@ -28,6 +28,7 @@ FOLDERS = {
     "refinement": (),
     "deployment": ("dataset", "network", "evaluation", "figures", "refinement"),
     "report": ("evaluation", "figures"),
+    "inference": ("deployment",),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.
