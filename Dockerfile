@@ -1,6 +1,6 @@
 # All of the project, for CPUs:
 #   docker build -t shaftpose .
-#   docker run --rm shaftpose shaftpose predict tests/data/bundled_model/frame_0.jpg
+#   docker run --rm shaftpose shaftpose demo
 FROM python:3.11-slim-bookworm
 
 WORKDIR /shaftpose

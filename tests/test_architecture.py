@@ -28,6 +28,8 @@ FOLDERS = {
     "refinement": (),
     "deployment": ("dataset", "network", "evaluation", "figures", "refinement"),
     "report": ("evaluation", "figures"),
+    "inference": ("deployment",),
+    "commands": ("inference", "deployment", "dataset"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.
@@ -131,6 +133,8 @@ def test_nobody_in_the_package_imports_pipelines_or_studies() -> None:
         ("training.assembly", ("bpy", "dvc", "mlflow")),
         ("dataset.training_data", ("bpy", "dvc", "mlflow")),
         ("deployment.predictor", ("torch", "lightning", "bpy", "dvc", "mlflow", "hydra")),
+        ("commands.predict", ("torch", "lightning", "bpy", "dvc", "mlflow", "hydra", "pydantic")),
+        ("cli", ("numpy", "cv2", "onnxruntime", "tqdm")),  # for its command `check`
     ],
 )
 def test_modules_load_where_a_tool_is_missing(module: str, missing: tuple[str, ...]) -> None:

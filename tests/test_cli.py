@@ -1,7 +1,12 @@
 """The command line."""
 
+import io
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -15,13 +20,32 @@ from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, s
 from shaftpose.deployment import bundled
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
+from shaftpose.refinement.refiner import Refinement
+from tests.inference.videos import read_greys, write_video
 
 Places = list[tuple[int, int]]
 
 FIRST = {
-    "score": 0.75, "box": [10.0, 20.0, 110.0, 220.0],
-    "x_mm": 1.0, "y_mm": -2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 123.0,
+    # Of a frame of 400 x 300 px: 300 / 299 of the model's pixels, from column 50.
+    "score": 0.75, "box": [60.0, 20.1, 160.4, 220.7],
+    "tip_px": [206.9, 136.3], "axis_px": [[206.9, 136.3], [165.9, 198.8]],
+    "x_mm": 1.0, "y_mm": -2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 123.0, "metric": False,
 }  # fmt: skip
+CAMERA = """%YAML:1.0
+---
+image_width: 400
+image_height: 300
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 100., 0., 219.5, 0., 100., 149.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 4
+   cols: 1
+   dt: d
+   data: [ 0., 0., 0., 0. ]
+"""
 
 
 @pytest.fixture
@@ -31,24 +55,33 @@ def frame(tmp_path: Path) -> Path:
     return path
 
 
-def test_predict_prints_what_reaches_the_models_confidence(
-    constant_model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture
+def model(constant_model: Path) -> Path:
+    """The model with a threshold that only the first of its two shafts reaches."""
     store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
-    main(["predict", str(frame), str(frame), "--model", str(constant_model)])
-    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert lines == [{"image": str(frame), "instruments": [FIRST]}] * 2
+    return constant_model
+
+
+def results(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_predict_prints_what_reaches_the_models_confidence(
+    model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["predict", str(frame), str(frame), "--model", str(model)])
+    expected = {"image": str(frame), "frame": 0, "instruments": [FIRST]}
+    assert results(capsys.readouterr().out) == [expected] * 2
 
 
 def test_predict_needs_no_model_file(
-    constant_model: Path,
+    model: Path,
     frame: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
-    monkeypatch.setattr(bundled, "FOLDER", constant_model.parent)
-    model = constant_model.rename(constant_model.with_name(bundled.MODEL))
+    monkeypatch.setattr(bundled, "FOLDER", model.parent)
+    model = model.rename(model.with_name(bundled.MODEL))
     model.with_name(bundled.CHECKSUM).write_bytes(bundled.checksum(model))
     main(["predict", str(frame)])
     assert json.loads(capsys.readouterr().out)["instruments"] == [FIRST]
@@ -57,65 +90,267 @@ def test_predict_needs_no_model_file(
         main(["predict", str(frame)])
 
 
-def test_the_users_confidence_goes_first(
-    constant_model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
+def test_the_users_score_goes_first(
+    model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = ["predict", str(frame), "--model", str(constant_model), "--confidence"]
     counts = []
-    for confidence in ("0", "0.3", "0.8"):
-        main([*arguments, confidence])
+    for score in ("0", "0.3", "0.8"):
+        main(["predict", str(frame), "--model", str(model), "--score", score])
         counts.append(len(json.loads(capsys.readouterr().out)["instruments"]))
     assert counts == [2, 1, 0]
 
 
-def test_predict_draws_where_it_is_told(constant_model: Path, frame: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "missing", "metric"),
+    [
+        ([], ["--camera or --view-deg", "--diameter-mm"], False),
+        (["--view-deg", "95"], ["--diameter-mm"], False),
+        (["--diameter-mm", "3"], ["--camera or --view-deg"], False),
+        (["--view-deg", "95", "--diameter-mm", "3"], [], True),
+    ],
+)
+def test_millimetres_are_metric_if_camera_and_shaft_are_stated(
+    options: list[str],
+    missing: list[str],
+    metric: bool,
+    model: Path,
+    frame: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["predict", str(frame), str(frame), "--model", str(model), *options])
+    printed = capsys.readouterr()
+    found = [one for line in results(printed.out) for one in line["instruments"]]
+    assert [one["metric"] for one in found] == [metric] * 2
+    assert printed.err.count("NOT METRIC") == (not metric)
+    for option in ("--camera or --view-deg", "--diameter-mm"):
+        assert (f"state yours by {option}." in printed.err) == (option in missing)
+
+
+def test_positions_grow_with_the_diameter_and_pixels_do_not(
+    model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["predict", str(frame), "--model", str(model), "--diameter-mm", "7.5"])
+    (found,) = json.loads(capsys.readouterr().out)["instruments"]
+    assert [found[name] for name in ("x_mm", "y_mm", "z_mm")] == [2.5, -5, 50]
+    for name in ("box", "tip_px", "pitch_deg", "yaw_deg"):
+        assert found[name] == FIRST[name]
+
+
+def test_a_model_without_a_diameter_converts_none(
+    model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store_facts(model, ModelFacts(0.5, 95.0))
+    arguments = ["predict", str(frame), "--model", str(model), "--view-deg", "95"]
+    main(arguments)
+    assert json.loads(capsys.readouterr().out)["instruments"][0]["metric"]
+    with pytest.raises(SystemExit, match="^error: --diameter-mm 5: the model states no diameter"):
+        main([*arguments, "--diameter-mm", "5"])
+
+
+def test_pixels_are_those_of_the_users_camera(
+    model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The tip is the ray (1 / 20, -2 / 20), seen with a focal length of 100 px from (220, 150)."""
+    camera = tmp_path / "cam.yaml"
+    camera.write_text(CAMERA)
+    main(["predict", str(frame), "--model", str(model), "--camera", str(camera)])
+    (found,) = json.loads(capsys.readouterr().out)["instruments"]
+    assert found["tip_px"] == [225.0, 140.0]
+    # 90 deg: a focal length of 150 px from (200, 150).
+    main(["predict", str(frame), "--model", str(model), "--view-deg", "90"])
+    (found,) = json.loads(capsys.readouterr().out)["instruments"]
+    assert found["tip_px"] == [207.5, 135.0]
+
+
+def test_a_frame_of_another_size_than_the_calibration_is_an_error(
+    model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    camera, other = tmp_path / "cam.yaml", tmp_path / "other.png"
+    camera.write_text(CAMERA)
+    cv2.imwrite(str(other), np.zeros((300, 300, 3), dtype=np.uint8))
+    arguments = ["--model", str(model), "--camera", str(camera)]
+    with pytest.raises(SystemExit, match="^error: sources that failed, see above: 1$"):
+        main(["predict", str(other), str(frame), *arguments])
+    printed = capsys.readouterr()
+    assert f"error: {other}: has 300 x 300 px, but {camera} is the calibration" in printed.err
+    assert [line["image"] for line in results(printed.out)] == [str(frame)]
+
+
+def test_a_camera_is_stated_once(model: Path, frame: Path) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["predict", str(frame), "--camera", "cam.yaml", "--view-deg", "95"])
+    assert ended.value.code == 2
+
+
+def test_results_and_pictures_go_into_a_folder(
+    model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "found"
-    arguments = ["--model", str(constant_model), "--confidence", "0.5", "--draw", str(out)]
-    main(["predict", str(frame), *arguments])
+    main(["predict", str(frame), "--model", str(model), "--out", str(out), "--draw"])
+    (line,) = results((out / "predictions.jsonl").read_text())
+    assert line["instruments"] == [FIRST]
     drawn = cv2.imread(str(out / "frame.jpg"))
-    assert drawn.shape == (299, 299, 3)
+    assert drawn.shape == (300, 400, 3)
     assert np.ptp(drawn) > 100  # the frame alone is of one grey
-
-
-def test_poses_are_drawn_for_the_models_camera_or_the_users(
-    constant_model: Path, frame: Path, tmp_path: Path
-) -> None:
-    arguments = ["predict", str(frame), "--model", str(constant_model), "--draw"]
-    drawn = {}
-    for name, view_deg, more in (("own", 60.0, []), ("stated", 95.0, ["--view-deg", "60"]),
-                                 ("other", 95.0, [])):  # fmt: skip
-        store_facts(constant_model, ModelFacts(0.5, view_deg, 3.0))
-        main([*arguments, str(tmp_path / name), *more])
-        drawn[name] = (tmp_path / name / "frame.jpg").read_bytes()
-    assert drawn["own"] == drawn["stated"] != drawn["other"]
-
-
-def test_no_image_is_overwritten_by_a_drawing(
-    constant_model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    photo = tmp_path / "a" / "frame.jpg"
-    photo.parent.mkdir()
-    cv2.imwrite(str(photo), cv2.imread(str(frame)))
-    before = photo.read_bytes()
-    arguments = ["--model", str(constant_model), "--confidence", "0", "--draw"]
-    with pytest.raises(SystemExit, match="^error: --draw .*is taken by another image"):
-        main(["predict", str(photo), *arguments, str(photo.parent)])
-    assert photo.read_bytes() == before
-    with pytest.raises(SystemExit, match="^error: --draw .*is taken by another image"):
-        main(["predict", str(photo), str(frame), *arguments, str(tmp_path / "found")])
-    assert not (tmp_path / "found").exists()
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize("image", ["missing.png", "text.png"])
-def test_an_unreadable_image_ends_with_one_line(
-    image: str, constant_model: Path, tmp_path: Path
+def test_a_video_is_predicted_and_drawn_frame_by_frame(model: Path, tmp_path: Path) -> None:
+    video, out = write_video(tmp_path / "clip.avi", [40, 120, 200], 400, 300), tmp_path / "found"
+    main(["predict", str(video), "--model", str(model), "--out", str(out), "--draw"])
+    lines = results((out / "predictions.jsonl").read_text())
+    expected = [{"image": str(video), "frame": n, "instruments": [FIRST]} for n in range(3)]
+    assert lines == expected
+    drawn = read_greys(out / "clip.mp4")
+    assert drawn == pytest.approx([40, 120, 200], abs=12)
+    assert drawn != pytest.approx([40, 120, 200], abs=0.5)
+
+
+@pytest.mark.parametrize(("name", "suffix"), [("csv", "csv"), ("bop", "csv")])
+def test_tables_have_a_heading_and_a_line_for_each_shaft(
+    name: str, suffix: str, model: Path, frame: Path, tmp_path: Path
 ) -> None:
-    (tmp_path / "text.png").write_text("no image")
-    with pytest.raises(SystemExit, match=rf"^error: .*{image}"):
-        main(
-            ["predict", str(tmp_path / image), "--model", str(constant_model), "--confidence", "0"]
-        )
+    numbered, out = frame.rename(tmp_path / "000007.png"), tmp_path / "found"
+    arguments = ["--score", "0", "--format", name, "--out", str(out)]
+    main(["predict", str(numbered), "--model", str(model), *arguments])
+    heading, *lines = (out / f"predictions.{suffix}").read_text().splitlines()
+    assert len(lines) == 2
+    assert {line.count(",") for line in lines} == {heading.count(",")}
+
+
+def test_earlier_results_are_kept(model: Path, frame: Path, tmp_path: Path) -> None:
+    (tmp_path / "predictions.jsonl").write_text("earlier")
+    with pytest.raises(
+        SystemExit, match=r"^error: .*predictions.jsonl: cannot be written \(File e"
+    ):
+        main(["predict", str(frame), "--model", str(model), "--out", str(tmp_path)])
+    assert (tmp_path / "predictions.jsonl").read_text() == "earlier"
+
+
+def test_no_image_is_overwritten_by_a_drawing(model: Path, frame: Path, tmp_path: Path) -> None:
+    photo = tmp_path / "frame.jpg"
+    cv2.imwrite(str(photo), cv2.imread(str(frame)))
+    before = photo.read_bytes()
+    main(["predict", str(photo), "--model", str(model), "--out", str(tmp_path), "--draw"])
+    assert photo.read_bytes() == before
+    assert (tmp_path / "frame-2.jpg").is_file()
+
+
+def test_drawing_needs_a_folder(frame: Path) -> None:
+    with pytest.raises(SystemExit, match="^error: --draw: needs a folder"):
+        main(["predict", str(frame), "--draw"])
+
+
+def test_names_come_from_standard_input(
+    model: Path, frame: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{frame}\n{frame}\n"))
+    main(["predict", "-", "--model", str(model)])
+    assert [line["image"] for line in results(capsys.readouterr().out)] == [str(frame)] * 2
+
+
+def test_unreadable_images_are_reported_and_the_rest_goes_on(
+    model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ("missing.png", "text.png", "empty.png", "cut.png", "long.png")
+    bad = {name: tmp_path / name for name in names}
+    bad["text.png"].write_text("no image")
+    bad["empty.png"].touch()
+    bad["cut.png"].write_bytes(frame.read_bytes()[:40])
+    cv2.imwrite(str(bad["long.png"]), np.zeros((2, 70_000, 3), dtype=np.uint8))
+    with pytest.raises(SystemExit, match="^error: sources that failed, see above: 5$"):
+        main(["predict", *map(str, bad.values()), str(frame), "--model", str(model)])
+    printed = capsys.readouterr()
+    assert [line["image"] for line in results(printed.out)] == [str(frame)]
+    for path in bad.values():
+        assert f"error: {path}: " in printed.err
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.full((300, 400), 90, dtype=np.uint8),
+        np.full((300, 400, 4), 90, dtype=np.uint8),
+        np.full((300, 400, 3), 23130, dtype=np.uint16),
+        np.full((1, 1, 3), 90, dtype=np.uint8),
+        np.full((2, 5000, 3), 90, dtype=np.uint8),
+    ],
+    ids=["grey", "alpha", "16-bit", "one pixel", "long"],
+)
+def test_images_of_all_kinds_are_predicted(
+    pixels: NDArray[Any], model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "frame.png", tmp_path / "found"
+    cv2.imwrite(str(path), pixels)
+    arguments = ["--model", str(model), "--view-deg", "95", "--out", str(out), "--draw"]
+    main(["predict", str(path), *arguments])
+    (line,) = results((out / "predictions.jsonl").read_text())
+    assert len(line["instruments"]) == 1
+
+
+def test_a_reader_who_has_enough_ends_the_command_quietly(model: Path, frame: Path) -> None:
+    code = "import sys; from shaftpose.cli import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, "predict", "-", "--model", str(model)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdin and running.stdout and running.stderr
+        running.stdin.write(f"{frame}\n")
+        running.stdin.flush()
+        assert json.loads(running.stdout.readline())["image"] == str(frame)
+        running.stdout.close()
+        running.stdin.write(f"{frame}\n")
+        running.stdin.close()
+        said = running.stderr.read()
+    assert running.returncode == 1
+    assert re.fullmatch("warning: .*NOT METRIC.*\n", said)
+
+
+def test_the_demo_finds_the_shafts_of_its_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "look"
+    main(["demo", "--out", str(out)])
+    (line,) = results((out / "predictions.jsonl").read_text())
+    assert [one["metric"] for one in line["instruments"]] == [True, True]
+    assert cv2.imread(str(out / "demo_frame.jpg")).shape == (299, 299, 3)
+    assert capsys.readouterr().out.startswith("2 shafts found")
+
+
+def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["models"])
+    printed = capsys.readouterr().out
+    assert "\nview_deg: 95.0\n" in printed and "\nshaft_diameter_mm: 3.0\n" in printed
+    assert printed.endswith((bundled.FOLDER / "shaftpose.md").read_text())
+
+
+def test_check_says_what_prediction_needs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["check"])
+    assert "this machine can predict" in capsys.readouterr().out
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    with pytest.raises(SystemExit, match="^error: cannot predict here: packages; see"):
+        main(["check"])
+    assert "packages: FAILED: import of tqdm halted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["demo", "predict", "models", "show", "check"])
+def test_help_gives_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    assert f" shaftpose {command}" in capsys.readouterr().out.partition("example")[2]
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert re.fullmatch(r"shaftpose \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_all_refinements_can_be_chosen(frame: Path, model: Path) -> None:
+    for refinement in get_args(Refinement):
+        main(["predict", str(frame), "--model", str(model), "--refine", refinement])
 
 
 def lightness(path: Path) -> NDArray[np.uint8]:

@@ -20,8 +20,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 HEAVY = [
     "bpy", "dask", "distributed", "dvc", "filelock", "hydra", "jinja2", "lightning", "matplotlib",
-    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "torch", "tqdm", "trimesh",
-    "yaml",
+    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "torch", "trimesh", "yaml",
 ]  # fmt: skip
 # Import name -> distribution, where the names differ or the distribution pins the imported one.
 PACKAGES = {
@@ -57,10 +56,9 @@ def run_without(blocked: list[str], *arguments: str) -> subprocess.CompletedProc
 def predict_frames(blocked: list[str], out: Path) -> tuple[list[str], list[str]]:
     """The lines that predicting the bundled frames printed, and the modules that it loaded."""
     frames = sorted(map(str, FRAMES.glob("*.jpg")))
-    result = run_without(blocked, "predict", *frames, "--draw", str(out))
+    result = run_without(blocked, "predict", *frames, "--out", str(out), "--draw")
     assert result.returncode == 0, result.stderr
-    *lines, loaded = result.stdout.splitlines()
-    return lines, json.loads(loaded)
+    return (out / "predictions.jsonl").read_text().splitlines(), json.loads(result.stdout)
 
 
 def packages(modules: Iterable[str]) -> set[str]:

@@ -1,0 +1,79 @@
+"""`shaftpose check`: whether this machine has what prediction needs.
+
+Imports packages only while it checks them: a broken one is a finding.
+"""
+
+import argparse
+import os
+import platform
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from shaftpose.errors import InputError
+
+_PACKAGES = ("numpy", "cv2", "onnxruntime", "tqdm")
+_SPEED_RUNS = 10
+
+
+def run(_options: argparse.Namespace) -> None:
+    """Print each finding. Raises InputError if prediction would fail."""
+    print(f"python: {platform.python_version()}, {platform.platform()}")
+    print(f"processor: {processor()}, {os.cpu_count()} cores")
+    failed = [name for name, check in _CHECKS.items() if not _passes(name, check)]
+    if failed:
+        raise InputError(f"cannot predict here: {', '.join(failed)}; see the lines above")
+    print("this machine can predict; for rendering and training: tools/check_system.py in a clone")
+
+
+def processor() -> str:
+    """The processor's name if the system tells it, or its kind."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{platform.machine()} {names[0] if names else platform.processor()}".strip()
+
+
+def _passes(name: str, check: Callable[[], str]) -> bool:
+    try:
+        print(f"{name}: {check()}")
+    except Exception as error:  # whatever it is, it is the finding
+        print(f"{name}: FAILED: {error}")
+        return False
+    return True
+
+
+def packages() -> str:
+    """Their versions. Raises ImportError if one is missing or lacks a library of the system."""
+    return ", ".join(f"{name} {import_module(name).__version__}" for name in _PACKAGES)
+
+
+def videos() -> str:
+    """Whether OpenCV can write and read a video. Raises InputError if not."""
+    import cv2
+    import numpy as np
+
+    with TemporaryDirectory() as folder:
+        path = f"{folder}/video.mp4"
+        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"mp4v"), 25, (64, 64))
+        writer.write(np.zeros((64, 64, 3), dtype=np.uint8))
+        writer.release()
+        if not cv2.VideoCapture(path).read()[0]:
+            raise InputError("OpenCV cannot write MP4; reinstall opencv-python-headless")
+    return "OpenCV writes and reads MP4"
+
+
+def model() -> str:
+    """The bundled model's speed. Raises InputError if it is damaged."""
+    import numpy as np
+
+    from shaftpose.deployment.bundled import bundled_model
+    from shaftpose.deployment.predictor import Predictor
+
+    predictor = Predictor(bundled_model())
+    image = np.zeros((predictor.side_px, predictor.side_px, 3), dtype=np.uint8)
+    return f"intact, {predictor.frames_per_second(image, _SPEED_RUNS):.0f} images per second"
+
+
+_CHECKS = {"packages": packages, "videos": videos, "bundled model": model}

@@ -1,0 +1,99 @@
+"""Pictures and videos of what was found, in a folder."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+
+from shaftpose.core.images import Image, write_jpeg
+from shaftpose.inference.drawing import draw_shafts
+from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.frames import Frame
+from shaftpose.inference.unwritable import UnwritableError, naming_unwritable
+
+
+class AnnotatedFiles:
+    """Draws frames: a JPEG file for each image, an MP4 file for each video or stream, or for each
+    part of it with frames of one size.
+
+    No file is overwritten: a name that is taken gets a number.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._video: AnnotatedVideo | None = None
+
+    def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
+        """Draw a frame. Raises UnwritableError naming the file."""
+        drawn = draw_shafts(frame.rgb, shafts)
+        if frame.fps is None:
+            path = unused(self._folder, Path(frame.source).stem, "jpg")
+            with naming_unwritable(path):
+                write_jpeg(drawn, path)
+        else:
+            self._video_of(frame, frame.fps).add(drawn)
+
+    def close(self) -> None:
+        """Finish the last video."""
+        if self._video is not None:
+            self._video.close()
+            self._video = None
+
+    def _video_of(self, frame: Frame, fps: float) -> "AnnotatedVideo":
+        """The video that a frame continues, or a new one."""
+        if self._video is None or not self._video.is_continued_by(frame):
+            self.close()
+            path = unused(self._folder, _stem(frame.source), "mp4")
+            self._video = AnnotatedVideo(path, frame, fps)
+        return self._video
+
+
+class AnnotatedVideo:
+    """An MP4 file of a video. Raises UnwritableError naming it if it cannot be created."""
+
+    def __init__(self, path: Path, first: Frame, fps: float) -> None:
+        self._source, self._shape = first.source, first.rgb.shape
+        code, size = cv2.VideoWriter.fourcc(*"mp4v"), first.rgb.shape[1::-1]
+        self._writer = cv2.VideoWriter(str(path), code, fps, size)
+        if not self._writer.isOpened():
+            raise UnwritableError(
+                f"{path}: cannot be written as a video; name another folder by --out"
+            )
+
+    def is_continued_by(self, frame: Frame) -> bool:
+        """Whether a frame belongs to the same video and has its size: OpenCV leaves out others."""
+        same = frame.source == self._source and frame.rgb.shape == self._shape
+        return same and frame.number > 0
+
+    def add(self, rgb: Image) -> None:
+        """Append a frame."""
+        self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.release()
+
+
+@contextmanager
+def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
+    """Pictures and videos in a folder; the last video is finished even if prediction fails."""
+    files = AnnotatedFiles(folder)
+    try:
+        yield files
+    finally:
+        files.close()
+
+
+def unused(folder: Path, stem: str, suffix: str) -> Path:
+    """A path in a folder that nothing has yet: stem.suffix, stem-2.suffix, ..."""
+    path, number = folder / f"{stem}.{suffix}", 1
+    while path.exists():
+        number += 1
+        path = folder / f"{stem}-{number}.{suffix}"
+    return path
+
+
+def _stem(source: str) -> str:
+    """A file name for a video, a camera or a stream."""
+    return "stream" if "://" in source else Path(source).stem.replace(" ", "-")

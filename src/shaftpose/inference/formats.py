@@ -1,0 +1,105 @@
+"""What found shafts look like as lines of text: JSON lines, CSV, or BOP's table of results."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shaftpose.core.instruments import POSE_DIMENSIONS
+from shaftpose.errors import InputError
+from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.frames import Frame
+
+CSV_COLUMNS = (
+    "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
+    "axis_y_px", *POSE_DIMENSIONS, "metric",
+)  # fmt: skip
+BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
+_SHAFT, _UNKNOWN_TIME = 1, -1  # BOP's number of our object, and its word for no time
+
+
+@dataclass(frozen=True)
+class Format:
+    """How results are written.
+
+    suffix: of a file with them. header: lines before the first. lines: those of a frame, each with
+    its line feed; raises InputError if the format cannot hold the frame.
+    """
+
+    suffix: str
+    header: str
+    lines: Callable[[Frame, Sequence[FoundShaft]], str]
+
+
+def json_line(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+    """One line for the frame, with all its shafts."""
+    found = [as_row(shaft) for shaft in shafts]
+    return json.dumps({"image": frame.source, "frame": frame.number, "instruments": found}) + "\n"
+
+
+def as_row(shaft: FoundShaft) -> dict[str, Any]:
+    """A shaft as plain values: pixels to a tenth, mm and deg to a hundredth."""
+    return {
+        "score": round(shaft.score, 4),
+        "box": np.round(shaft.box, 1).tolist(),
+        "tip_px": np.round(shaft.tip_px, 1).tolist(),
+        "axis_px": np.round(shaft.axis_px, 1).tolist(),
+        **{name: round(getattr(shaft.pose, name), 2) for name in POSE_DIMENSIONS},
+        "metric": shaft.metric,
+    }
+
+
+def csv_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+    """One line for each shaft."""
+    return _table(
+        [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
+         *(row[name] for name in POSE_DIMENSIONS), "true" if row["metric"] else "false"]
+        for row in map(as_row, shafts)
+    )  # fmt: skip
+
+
+def bop_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+    """One line for each shaft, in BOP's form: scene and image number, object 1, score, rotation by
+    rows and translation in mm, from the shaft's frame to the camera's.
+
+    Raises InputError if the image file's name is not its number in a scene.
+    """
+    scene, image = _bop_numbers(frame)
+    return _table(
+        [scene, image, _SHAFT, f"{shaft.score:.4f}", _spaced(shaft.pose.rotation, 6),
+         _spaced(shaft.pose.tip_mm, 3), _UNKNOWN_TIME]
+        for shaft in shafts
+    )  # fmt: skip
+
+
+def _bop_numbers(frame: Frame) -> tuple[int, int]:
+    """Scene and image; BOP's datasets hold SCENE/rgb/IMAGE.png. A video is scene 1."""
+    if frame.fps is not None:
+        return 1, frame.number
+    path = Path(frame.source)
+    scene, image = path.absolute().parts[-3], path.stem
+    if not image.isdecimal():
+        raise InputError("--format bop needs a number as the file's name, as in 000012.png")
+    return int(scene) if scene.isdecimal() else 1, int(image)
+
+
+def _spaced(values: np.ndarray, digits: int) -> str:
+    return " ".join(f"{value:.{digits}f}" for value in values.flat)
+
+
+def _table(rows: Iterable[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+FORMATS = {
+    "jsonl": Format("jsonl", "", json_line),
+    "csv": Format("csv", ",".join(CSV_COLUMNS) + "\n", csv_lines),
+    "bop": Format("csv", ",".join(BOP_COLUMNS) + "\n", bop_lines),
+}

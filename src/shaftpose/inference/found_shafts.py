@@ -1,0 +1,62 @@
+"""A shaft that was found in a frame, in pixels of that frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.inference.views import View
+
+Array = NDArray[np.float64]
+
+AXIS_MM = 10.0
+_LEAST_DEPTH_MM = 1.0  # a point behind the camera has no image
+_EDGE_POINTS = 9  # of each side of a box, which a lens bends
+
+
+@dataclass(frozen=True)
+class FoundShaft:
+    """A shaft in a frame.
+
+    score: in [0, 1]. box: (4,) x0, y0, x1, y1, clipped to the frame. axis_px: (2, 2), the tip and
+    the point of the axis 10 mm behind it, or nearer where that would halve the depth; both may lie
+    outside the frame. pose: mm and deg. metric: whether the pose's millimetres are those of the
+    user's camera and shaft.
+    """
+
+    score: float
+    box: Array
+    axis_px: Array
+    pose: ShaftPose
+    metric: bool
+
+    @property
+    def tip_px(self) -> Array:
+        """(2,) the image of the tip."""
+        return self.axis_px[0]
+
+
+def axis_points(pose: ShaftPose) -> Array:
+    """The tip and a point of the axis behind it, (2, 3) in mm."""
+    tip, axis = pose.tip_mm, pose.direction
+    tip[2] = max(tip[2], _LEAST_DEPTH_MM)
+    approach = -axis[2]  # of the camera's plane, by mm
+    length = min(AXIS_MM, tip[2] / (2 * approach)) if approach > 0 else AXIS_MM
+    return np.stack([tip, tip + length * axis])
+
+
+def axis_px(pose: ShaftPose, model: Camera, view: View) -> Array:
+    """The images (2, 2) of `axis_points` in a frame."""
+    return view.image_px(model.project(axis_points(pose)))
+
+
+def box_px(box: Array, view: View, width: int, height: int) -> Array:
+    """The extent (4,) in a frame of a box (4,) of the model's image, clipped to the frame."""
+    x0, y0, x1, y1 = box
+    x, y = np.linspace(x0, x1, _EDGE_POINTS), np.linspace(y0, y1, _EDGE_POINTS)
+    sides = [
+        np.stack(np.broadcast_arrays(*s), axis=1) for s in ((x, y0), (x, y1), (x0, y), (x1, y))
+    ]
+    outline = np.clip(view.image_px(np.concatenate(sides)), 0, [width, height])
+    return np.concatenate([outline.min(axis=0), outline.max(axis=0)])

@@ -1,0 +1,112 @@
+"""Cameras and streams as a source of frames: whoever is slower than the camera skips frames."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from threading import Condition, Thread
+from typing import Any, Protocol
+
+import cv2
+
+from shaftpose.errors import InputError
+from shaftpose.inference.frames import Frame, from_bgr
+from shaftpose.inference.video_files import frame_rate
+
+_PATIENCE_S = 2.0  # for a read that blocks when the stream is closed
+
+
+class Capture(Protocol):
+    """The part of `cv2.VideoCapture` that reading needs."""
+
+    def read(self) -> tuple[bool, Any]:
+        """Wait for the next frame: whether there is one, and its pixels."""
+
+    def release(self) -> None:
+        """Close the device."""
+
+
+class NewestFrames:
+    """Reads a capture in a thread and keeps only its newest frame, so that memory does not grow and
+    a slow reader is never behind.
+
+    Iterating yields the number of a frame, from 0, and its pixels as the capture has them; it ends
+    when the capture does. The thread releases the capture.
+    """
+
+    def __init__(self, capture: Capture) -> None:
+        self._capture, self._changed = capture, Condition()
+        self._newest: tuple[int, Any] | None = None
+        self._ended = False
+        self._thread = Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[tuple[int, Any]]:
+        while (newest := self._next()) is not None:
+            yield newest
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._ended = True
+        self._thread.join(_PATIENCE_S)
+
+    def _next(self) -> tuple[int, Any] | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or self._newest is not None)
+            newest, self._newest = self._newest, None
+            return newest
+
+    def _read(self) -> None:
+        number = 0
+        try:
+            while not self._ended:
+                there, pixels = self._capture.read()
+                if not there:
+                    break
+                self._put(number, pixels)
+                number += 1
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify()
+            self._capture.release()
+
+    def _put(self, number: int, pixels: Any) -> None:
+        with self._changed:
+            self._newest = number, pixels
+            self._changed.notify()
+
+
+@dataclass(frozen=True)
+class LiveStream:
+    """A camera by its index, or a stream by its URL: a `Source` of the newest frames.
+
+    A frame's number counts the skipped ones, too.
+    """
+
+    address: int | str
+    length: None = None
+
+    def frames(self) -> Iterator[Frame]:
+        """Frames until the stream ends.
+
+        Raises InputError naming it if it shows nothing, or if it is a camera, which does not end by
+        itself.
+        """
+        # Two overloads of VideoCapture, by index and by name.
+        address = self.address
+        capture = (
+            cv2.VideoCapture(address) if isinstance(address, int) else cv2.VideoCapture(address)
+        )
+        if not capture.isOpened():
+            raise InputError(f"{self._name}: cannot be opened; is it there, and used by no other?")
+        fps, newest, number = frame_rate(capture), NewestFrames(capture), -1
+        try:
+            for number, bgr in newest:
+                yield Frame(self._name, number, from_bgr(bgr), fps)
+        finally:
+            newest.close()
+        if number < 0 or isinstance(address, int):
+            raise InputError(f"{self._name}: shows no more frames; is it still connected?")
+
+    @property
+    def _name(self) -> str:
+        return f"camera {self.address}" if isinstance(self.address, int) else self.address

@@ -1,0 +1,72 @@
+"""Finds shafts in frames of any size, with poses for the user's camera and shaft."""
+
+from dataclasses import replace
+
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.images import Image
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from shaftpose.inference.found_shafts import Array, FoundShaft, axis_px, box_px
+from shaftpose.inference.frame_cameras import Views
+from shaftpose.inference.views import View
+
+_LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
+
+
+class ShaftFinder:
+    """A model for frames.
+
+    views: of the user's frames. score: the least of a detection. diameter_mm: of the user's
+    shafts; None: as the model's. metric: whether camera and shaft are known. Raises InputError if
+    the model states no diameter from which to convert.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        views: Views,
+        score: float,
+        diameter_mm: float | None,
+        metric: bool,
+    ) -> None:
+        self._predictor, self._views, self._score = predictor, views, score
+        self._scale = _scale(predictor.facts.shaft_diameter_mm, diameter_mm)
+        self._metric = metric
+
+    def __call__(self, rgb: Image) -> list[FoundShaft]:
+        """The shafts in a frame (H, W, 3) uint8 RGB, best score first.
+
+        Raises InputError if it is not a frame of the user's camera, or is too long.
+        """
+        height, width = rgb.shape[:2]
+        if max(height, width) > _LONGEST_PX:
+            raise InputError(
+                f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
+            )
+        view = self._views(width, height)
+        found = self._predictor(view.square(rgb)[None])[0].above(self._score)
+        rows = zip(found.scores, found.boxes, found.poses, strict=True)
+        return [
+            self._in_frame(float(score), box_px(box, view, width, height), pose, view)
+            for score, box, pose in rows
+        ]
+
+    def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:
+        pose = self._scaled(ShaftPose.from_array(values))
+        axis = axis_px(pose, self._predictor.camera, view)
+        return FoundShaft(score, box, axis, pose, self._metric)
+
+    def _scaled(self, pose: ShaftPose) -> ShaftPose:
+        """A scene that is larger in all its measures gives the same image."""
+        x_mm, y_mm, z_mm = (float(value) for value in self._scale * pose.tip_mm)
+        return replace(pose, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
+
+
+def _scale(model_mm: float | None, diameter_mm: float | None) -> float:
+    if diameter_mm is None:
+        return 1.0
+    if model_mm is None:
+        raise InputError(
+            f"--diameter-mm {diameter_mm:g}: the model states no diameter of its own; leave it out"
+        )
+    return diameter_mm / model_mm

@@ -1,0 +1,56 @@
+"""Video files as a source of frames."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from shaftpose.errors import InputError
+from shaftpose.inference.frames import Frame, from_bgr
+
+_USUAL_FPS = 25.0  # where a file or a device does not tell
+# The length that a header states may be an estimate.
+_LEAST_SHARE = 0.9
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A video: a `Source` of all its frames."""
+
+    path: Path
+
+    @property
+    def length(self) -> int | None:
+        """The number of frames that the header states; None if it states none."""
+        return _stated_length(cv2.VideoCapture(str(self.path)))
+
+    def frames(self) -> Iterator[Frame]:
+        """All frames. Raises InputError naming the file if it is no video or ends early."""
+        if not os.path.isfile(self.path):
+            raise InputError(f"{self.path}: no such file; name an image, a folder or a video")
+        capture = cv2.VideoCapture(str(self.path))
+        if not capture.isOpened():
+            raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
+        fps, stated, number = frame_rate(capture), _stated_length(capture) or 0, 0
+        while (frame := capture.read()[1]) is not None:
+            yield Frame(str(self.path), number, from_bgr(frame), fps)
+            number += 1
+        if number == 0 or number < _LEAST_SHARE * stated:
+            raise InputError(
+                f"{self.path}: ends after {number} of {stated} frames; it may be damaged or cut "
+                "short"
+            )
+
+
+def _stated_length(capture: cv2.VideoCapture) -> int | None:
+    count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    return count if count > 0 else None
+
+
+def frame_rate(capture: cv2.VideoCapture) -> float:
+    """Frames per second of a video or device, a usual value if it does not tell."""
+    fps = float(capture.get(cv2.CAP_PROP_FPS))
+    return fps if np.isfinite(fps) and fps > 0 else _USUAL_FPS

@@ -1,0 +1,100 @@
+"""How a frame becomes the square image that a model takes, and back."""
+
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera
+from shaftpose.core.images import Image, centre_square
+from shaftpose.inference.calibration import Calibration
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 2  # per pixel and side, of a frame with more pixels than the model's image
+
+
+class View(Protocol):
+    """The square image of a model within frames of one size."""
+
+    def square(self, rgb: Image) -> Image:
+        """The model's image (S, S, 3) of a frame (H, W, 3)."""
+
+    def image_px(self, points: Array) -> Array:
+        """Pixels (N, 2) of the frame for pixels (N, 2) of the model's image."""
+
+
+class CentreSquare:
+    """The central square of a frame, whatever its camera."""
+
+    def __init__(self, width: int, height: int, side_px: int) -> None:
+        self._side_px, side = side_px, min(width, height)
+        self._scale = side / side_px
+        # Whole pixels, as `centre_square` cuts.
+        self._corner = np.array([(width - side) // 2, (height - side) // 2])
+
+    def square(self, rgb: Image) -> Image:
+        """The central square of a frame (H, W, 3), scaled."""
+        return centre_square(rgb, self._side_px)
+
+    def image_px(self, points: Array) -> Array:
+        """Pixels (N, 2) of the frame for pixels (N, 2) of the square."""
+        return np.asarray(points * self._scale + self._corner)
+
+
+class Resampled:
+    """What a model's camera would have seen of a known camera's frame: without distortion, black
+    where the frame ends.
+
+    covered: the share of the model's image that the frame fills.
+    """
+
+    def __init__(self, calibration: Calibration, model: Camera) -> None:
+        self._calibration, self._model = calibration, model
+        ratio = calibration.matrix[0, 0] / model.focal_px
+        samples = _SAMPLES if ratio > 1 else 1
+        x, y, inside = _places(calibration, model, samples)
+        # Averaged to the density of the samples first, and these to pixels after: no aliasing.
+        shrink = max(ratio / samples, 1.0)
+        self._size = _shrunk(calibration.width, shrink), _shrunk(calibration.height, shrink)
+        x = (x + 0.5) * (self._size[0] / calibration.width) - 0.5
+        y = (y + 0.5) * (self._size[1] / calibration.height) - 0.5
+        self._places = cv2.convertMaps(x, y, cv2.CV_16SC2)
+        self._outside, self.covered = ~inside, float(inside.mean())
+
+    def square(self, rgb: Image) -> Image:
+        """The model's image (S, S, 3) of a frame (H, W, 3)."""
+        small = cv2.resize(rgb, self._size, interpolation=cv2.INTER_AREA)
+        dense = cv2.remap(small, *self._places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        dense[self._outside] = 0
+        size = self._model.width, self._model.height
+        return np.asarray(cv2.resize(dense, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def image_px(self, points: Array) -> Array:
+        """Pixels (N, 2) of the frame, with its distortion, for pixels (N, 2) of the square."""
+        centre = np.array([self._model.cx, self._model.cy])
+        return self._calibration.image_px((points - centre) / self._model.focal_px)
+
+
+def _shrunk(length: int, by: float) -> int:
+    return max(round(length / by), 1)
+
+
+def _places(
+    calibration: Calibration, model: Camera, samples: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """The x and y in a frame, for pixel centres at whole numbers, of `samples` x `samples` places
+    in each of the model's pixels, and whether they are inside; each (samples S, samples S)."""
+    width, height = samples * model.width, samples * model.height
+    matrix = np.diag([samples, samples, 1.0]) @ model.matrix
+    matrix[:2, 2] -= 0.5
+    x, y = cv2.initUndistortRectifyMap(
+        calibration.matrix, calibration.distortion, np.eye(3), matrix, (width, height), cv2.CV_32FC1
+    )
+    rays_x = (np.arange(width) - matrix[0, 2]) / matrix[0, 0]
+    rays_y = (np.arange(height) - matrix[1, 2]) / matrix[1, 1]
+    inside = np.hypot(rays_x, rays_y[:, None]) <= calibration.valid_radius
+    inside &= (x >= -0.5) & (x <= calibration.width - 0.5)
+    inside &= (y >= -0.5) & (y <= calibration.height - 0.5)
+    return x.astype(np.float32, copy=False), y.astype(np.float32, copy=False), inside

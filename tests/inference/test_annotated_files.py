@@ -1,0 +1,106 @@
+"""Pictures and videos of results."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.images import Image
+from shaftpose.inference.annotated_files import annotated_files, unused
+from shaftpose.inference.drawing import draw_shafts
+from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.frames import Frame
+from shaftpose.inference.unwritable import UnwritableError
+from tests.inference.videos import read_greys
+
+AXIS = np.array([[200.0, 100.0], [260.0, 100.0]])
+SHAFT = FoundShaft(0.9, np.array([50.0, 60, 300, 160]), AXIS, ShaftPose(1, 2, 20, 90, 0), True)
+
+
+def grey(value: int, width: int = 400, height: int = 300) -> Image:
+    return np.full((height, width, 3), value, dtype=np.uint8)
+
+
+def test_box_tip_axis_and_pose_are_drawn() -> None:
+    black = grey(0)
+    drawn = draw_shafts(black, [SHAFT]).max(axis=2)
+    for x, y in ((50, 100), (299, 100), (100, 60), (100, 159), (197, 100), (240, 100)):
+        assert drawn[y - 1 : y + 2, x - 1 : x + 2].max() > 100
+    assert drawn[280:, :200].max() > 100
+    assert drawn[65:95, 55:180].max() == drawn[100, 270:290].max() == drawn[200:270].max() == 0
+    assert not black.any()
+
+
+def test_a_frame_without_shafts_stays_as_it_is() -> None:
+    np.testing.assert_array_equal(draw_shafts(grey(7), []), grey(7))
+
+
+def test_poses_that_are_not_metric_are_marked() -> None:
+    shaft = FoundShaft(**{**vars(SHAFT), "metric": False})
+    widths = [np.flatnonzero(draw_shafts(grey(0), [s])[270:].any(axis=(0, 2))).max()
+              for s in (SHAFT, shaft)]  # fmt: skip
+    assert widths[1] > widths[0] + 40
+
+
+def test_lines_grow_with_the_frame() -> None:
+    wide = draw_shafts(grey(0, 1600, 1200), [SHAFT])[110, 30:70].any(axis=1).sum()
+    assert wide >= draw_shafts(grey(0), [SHAFT])[110, 30:70].any(axis=1).sum() + 2
+
+
+def test_each_image_gets_a_picture_of_its_own(tmp_path: Path) -> None:
+    with annotated_files(tmp_path) as files:
+        for name in ("a/frame.png", "b/frame.jpg", "other.png"):
+            files.add(Frame(name, 0, grey(90)), [SHAFT])
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "frame-2.jpg", "frame.jpg", "other.jpg",
+    ]  # fmt: skip
+    picture = cv2.imread(str(tmp_path / "frame-2.jpg"))
+    assert picture.shape == (300, 400, 3) and np.ptp(picture) > 100
+
+
+def test_videos_are_written_one_after_the_other(tmp_path: Path) -> None:
+    with annotated_files(tmp_path) as files:
+        for source, values in (("x/clip.avi", (40, 120, 200)), ("y/clip.avi", (90,)),
+                               ("rtsp://host/live", (60, 70))):  # fmt: skip
+            for number, value in enumerate(values):
+                files.add(Frame(source, number, grey(value), 10.0), [])
+    assert read_greys(tmp_path / "clip.mp4") == pytest.approx([40, 120, 200], abs=3)
+    assert read_greys(tmp_path / "clip-2.mp4") == pytest.approx([90], abs=3)
+    assert read_greys(tmp_path / "stream.mp4") == pytest.approx([60, 70], abs=3)
+    assert cv2.VideoCapture(str(tmp_path / "clip.mp4")).get(cv2.CAP_PROP_FPS) == 10
+
+
+def test_another_size_begins_another_video(tmp_path: Path) -> None:
+    with annotated_files(tmp_path) as files:
+        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
+        files.add(Frame("clip.avi", 1, grey(80, 200, 100), 10.0), [])
+        files.add(Frame("clip.avi", 2, grey(90, 200, 100), 10.0), [])
+    assert read_greys(tmp_path / "clip.mp4") == pytest.approx([40], abs=3)
+    assert read_greys(tmp_path / "clip-2.mp4") == pytest.approx([80, 90], abs=3)
+
+
+def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), annotated_files(tmp_path) as files:
+        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
+        raise KeyboardInterrupt
+    assert len(read_greys(tmp_path / "clip.mp4")) == 1
+
+
+def test_a_folder_that_takes_no_file_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "file"
+    folder.touch()
+    for fps, name in ((None, "a.jpg"), (10.0, "a.mp4")):
+        with (
+            pytest.raises(UnwritableError, match=f"^{folder}/{name}: cannot be written"),
+            annotated_files(folder) as files,
+        ):
+            files.add(Frame("a.png", 0, grey(40), fps), [])
+
+
+def test_no_file_is_overwritten(tmp_path: Path) -> None:
+    assert unused(tmp_path, "a", "jpg") == tmp_path / "a.jpg"
+    for name in ("a.jpg", "a-2.jpg"):
+        (tmp_path / name).touch()
+    assert unused(tmp_path, "a", "jpg") == tmp_path / "a-3.jpg"

@@ -1,0 +1,75 @@
+"""Live sources give their newest frame."""
+
+from pathlib import Path
+from threading import Event
+
+import cv2
+import pytest
+
+from shaftpose.errors import InputError
+from shaftpose.inference.live_streams import LiveStream, NewestFrames
+from tests.inference.videos import write_video
+
+PATIENCE_S = 10
+
+
+class Device:
+    """Shows frames "0", "1", ...; waits before `pause` until it is `resumed`, ends before `end`."""
+
+    def __init__(self, pause: int, end: int) -> None:
+        self.pause, self.end, self.next = pause, end, 0
+        self.paused, self.resumed, self.released = Event(), Event(), Event()
+
+    def read(self) -> tuple[bool, str | None]:
+        if self.next == self.pause:
+            self.paused.set()
+            assert self.resumed.wait(PATIENCE_S)
+        if self.next == self.end:
+            return False, None
+        self.next += 1
+        return True, str(self.next - 1)
+
+    def release(self) -> None:
+        self.released.set()
+
+
+def test_a_slow_reader_gets_the_newest_frame() -> None:
+    device = Device(pause=50, end=80)
+    frames = NewestFrames(device)
+    assert device.paused.wait(PATIENCE_S)
+    found = iter(frames)
+    assert next(found) == (49, "49")
+    device.resumed.set()
+    assert device.released.wait(PATIENCE_S)
+    assert list(found) == [(79, "79")]
+
+
+def test_closing_ends_the_reading() -> None:
+    device = Device(pause=5, end=10**9)
+    frames = NewestFrames(device)
+    device.resumed.set()
+    assert next(iter(frames))[1].isdecimal()
+    frames.close()
+    assert device.released.wait(PATIENCE_S)
+
+
+def test_a_stream_is_shown_to_its_last_frame(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.avi", [40, 120, 200])
+    frames = list(LiveStream(f"file://{path}").frames())
+    assert frames[-1].number == 2
+    assert frames[-1].rgb.mean() == pytest.approx(200, abs=2)
+    assert {(frame.source, frame.fps) for frame in frames} == {(f"file://{path}", 10.0)}
+
+
+def test_a_camera_that_ends_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, opened = write_video(tmp_path / "clip.avi", [40]), cv2.VideoCapture
+    monkeypatch.setattr(cv2, "VideoCapture", lambda index: opened(str(path)))
+    frames = LiveStream(1).frames()
+    assert next(frames).source == "camera 1"
+    with pytest.raises(InputError, match="^camera 1: shows no more frames"):
+        next(frames)
+
+
+def test_a_camera_that_is_not_there_is_named() -> None:
+    with pytest.raises(InputError, match="^camera 9999: cannot be opened"):
+        next(LiveStream(9999).frames())
