@@ -20,7 +20,7 @@ from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, s
 from shaftpose.deployment import bundled
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.refinement.refiner import Refinement
+from shaftpose.deployment.refinement.refiner import Refinement
 from tests.inference.videos import read_greys, write_video
 
 Places = list[tuple[int, int]]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.refinement.contour import Shaft
+from shaftpose.deployment.refinement.refiner import Refinement, Refiner
 from shaftpose.errors import InputError
-from shaftpose.refinement.contour import Shaft
-from shaftpose.refinement.refiner import Refinement, Refiner
 
 _OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
 

@@ -15,6 +15,7 @@ from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.deployment.refinement.bound import pose_bound
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
 from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments
@@ -25,7 +26,6 @@ from shaftpose.figures.accuracy_figures import (
     pose_error_figure,
     precision_recall_figure,
 )
-from shaftpose.refinement.bound import pose_bound
 from shaftpose.settings.parts import PoseRanges
 
 DRAWN_IMAGES, COLUMNS = 12, 4

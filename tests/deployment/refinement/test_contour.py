@@ -3,8 +3,8 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import axis_direction
-from shaftpose.refinement.contour import shaft_contour
-from tests.refinement.silhouettes import CAMERA, FINER, POSES, SHAFT, SIDE_PX, fine_mask
+from shaftpose.deployment.refinement.contour import shaft_contour
+from tests.deployment.refinement.silhouettes import CAMERA, FINER, POSES, SHAFT, SIDE_PX, fine_mask
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from shaftpose.core.geometry import Camera
-from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
-from shaftpose.refinement.edges import Offsets
+from shaftpose.deployment.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.deployment.refinement.edges import Offsets
 
 # The parameters of a fit are the tip in the image (px, px), the logarithm of its depth, pitch and
 # yaw (deg): a network errs along the ray through the tip far more than across it.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
-from shaftpose.refinement.contour import Array, Shaft, shaft_contour
-from shaftpose.refinement.edges import image_gradients, image_offsets, mask_offsets
-from shaftpose.refinement.fit import Fit, Stage, fit_pose
+from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
+from shaftpose.deployment.refinement.edges import image_gradients, image_offsets, mask_offsets
+from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
 
 # What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
 Refinement = Literal["none", "mask", "edges"]
@@ -21,7 +21,7 @@ _MASK_STAGES = tuple(
 ) + tuple(Stage(reach_px) for reach_px in (5, 4, 3, 2, 1.5, 1.5))
 _EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (1.2, 1.2, 1.2, 1.0, 0.8, 0.8))
 # Standard deviations of the parameters of a network's poses, and of poses fitted to a mask: see
-# `shaftpose.refinement.fit`.
+# `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
 _MASK_PRIOR = np.array([1.0, 1.0, 0.05, 4.0, 1.5])
 _JUDGED_PX = 3.0  # reach within which poses are compared

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from shaftpose.refinement.bound import pose_bound
-from tests.refinement.silhouettes import CAMERA, SHAFT
+from shaftpose.deployment.refinement.bound import pose_bound
+from tests.deployment.refinement.silhouettes import CAMERA, SHAFT
 
 
 def test_bound_of_a_shaft_across_the_view() -> None:
