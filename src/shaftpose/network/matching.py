@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from shaftpose.network.default_boxes import pairwise_iou, to_corners
+from shaftpose.network.boxes import pairwise_iou, to_corners
 
 
 def match_boxes(
