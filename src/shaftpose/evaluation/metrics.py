@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from shaftpose.core.angles import unsigned_deg
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.errors import InputError
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
@@ -103,7 +104,7 @@ def _mean_pose(annotations: Sequence[Annotations]) -> Array:
         raise InputError("no training image has poses: the constant predictor needs rendered ones")
     mean = poses.mean(axis=0)
     yaw = np.radians(poses[:, YAW])
-    mean[YAW] = np.degrees(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())) % 360.0
+    mean[YAW] = unsigned_deg(np.degrees(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())))
     return mean
 
 

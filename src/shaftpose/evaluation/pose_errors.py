@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shaftpose.core.angles import signed_deg
 from shaftpose.core.geometry import axis_direction
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
 from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
@@ -74,7 +75,7 @@ def pose_errors(
 def errors_between(predicted: Array, true: Array) -> PoseErrors:
     """Errors of predicted poses (M, 5) paired with true poses (M, 5), numbered in their order."""
     differences = predicted - true
-    differences[:, YAW] = (differences[:, YAW] + 180.0) % 360.0 - 180.0
+    differences[:, YAW] = signed_deg(differences[:, YAW])
     axes = axis_direction(predicted[:, 3], predicted[:, 4]), axis_direction(true[:, 3], true[:, 4])
     return PoseErrors(
         differences=differences,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shaftpose.core.angles import signed_deg, unsigned_deg
 from shaftpose.core.geometry import Camera
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
@@ -53,11 +54,11 @@ def fit_pose(
         weighted = contour.motion.T * (offsets.weights * contour.lengths / EDGE_PX**2)
         information = weighted @ contour.motion + precision
         away = start - pose
-        away[4] = (away[4] + 180.0) % 360.0 - 180.0
+        away[4] = signed_deg(away[4])
         step = np.linalg.solve(information, weighted @ offsets.px + precision @ away)
         if not np.isfinite(step).all():
             return Fit(start, np.diag(prior**2.0), 0.0, "no solution")
         pose = pose + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
         contrast = float(offsets.contrast.mean())
-    pose = np.append(pose[:4], pose[4] % 360.0 % 360.0)
+    pose = np.append(pose[:4], unsigned_deg(pose[4]))
     return Fit(pose, np.linalg.inv(information), contrast)
