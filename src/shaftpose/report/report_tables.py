@@ -112,7 +112,7 @@ def beside_paper(
     return [
         ComparedRow(
             title=variant_title(row.variant, domain_label, row.title),
-            paper=_paper_cells(row.variant, columns),
+            paper=paper_cells(row.variant, columns),
             ours=cells(_measured(row), columns, row.spread),
             champion=row.variant == champion,
         )
@@ -238,7 +238,8 @@ def cells(
     ]
 
 
-def _paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
+def paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
+    """The formatted values of the paper's row; None if it has no such row."""
     if variant not in paper_tables.TABLE_I:
         return None
     values = asdict(paper_tables.TABLE_I[variant])
