@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import onnx
-from jinja2 import Environment, StrictUndefined
 
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
@@ -33,10 +32,11 @@ from studies.evaluate_trainings import check, noted
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
 from studies.record import whole
+from studies.templates import rendered
 
 ROOT = Path(__file__).parents[1]
 MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_model")
-CARD, TEMPLATE = "shaftpose.md", Path(__file__).with_name("model_card.md.j2")
+CARD = "shaftpose.md"
 MOST_BYTES = 8_000_000
 SAME_MAP = 1e-3  # rounding causes smaller differences
 
@@ -121,10 +121,8 @@ def card(result: Mapping[str, Any], stored: Predictor, comparison: Comparison, s
     """The model card as Markdown; `source` is the id of a background of the test images."""
     columns = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
     files = {"exported": comparison.exported, "bundled": comparison.stored}
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
-    )
-    return environment.from_string(TEMPLATE.read_text()).render(
+    return rendered(
+        "model_card.md.j2",
         file=MODEL,
         title=result["title"],
         training=result["training"],
