@@ -45,15 +45,12 @@ class PoseErrors:
 
 
 def pose_errors(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    confidence: float = 0.5,
-    iou_threshold: float = 0.5,
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> PoseErrors:
     """Errors of every instrument that a detection with a score of at least `confidence` hits.
 
     A detection is matched to the instrument that it overlaps most, if their IoU is at least
-    `iou_threshold`. Of several detections of an instrument, the best score counts. Images without
+    `IOU_THRESHOLD`. Of several detections of an instrument, the best score counts. Images without
     known poses are skipped.
     """
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
@@ -62,7 +59,7 @@ def pose_errors(
         if known.poses is not None:
             found = found.above(confidence)
             order = np.argsort(-found.scores, kind="stable")
-            hit = best_instruments(found.boxes[order], known.boxes, iou_threshold)
+            hit = best_instruments(found.boxes[order], known.boxes)
             first = first_hits(hit)
             predicted.append(found.poses[order][first])
             true.append(known.poses[hit[first]])
