@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
 from shaftpose.errors import InputError
-from shaftpose.report.report import pipe_table
+from shaftpose.core.markdown import pipe_table
 from shaftpose.settings.parsing import from_json
 from shaftpose.settings.parts import Positive, PositiveInt
 

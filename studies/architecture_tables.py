@@ -27,7 +27,7 @@ from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
-from shaftpose.report.report import pipe_table
+from shaftpose.core.markdown import pipe_table
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.parts import PoseRanges, Variant

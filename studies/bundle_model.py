@@ -25,7 +25,7 @@ from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.json_files import read_json
-from shaftpose.report.report import pipe_table
+from shaftpose.core.markdown import pipe_table
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check, noted

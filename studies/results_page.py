@@ -6,7 +6,8 @@ from typing import Any
 from shaftpose.figures.binned_errors_figure import FEWEST
 from shaftpose.nested import flatten
 from shaftpose.report.ablation import AblationReport
-from shaftpose.report.report import blocks, pipe_table
+from shaftpose.core.markdown import pipe_table
+from shaftpose.report.report import blocks
 from studies.record import TrainingRecord
 from studies.sweep_jobs import NO_VALUE
 from studies.table import scale_tables

@@ -11,7 +11,8 @@ from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.report import report_tables
 from shaftpose.report.ablation import STAND_IN, VariantRow, variant_title
-from shaftpose.report.report import pipe_table, table_i_block
+from shaftpose.core.markdown import pipe_table
+from shaftpose.report.report import table_i_block
 from shaftpose.report.report_tables import TABLE_I_METRICS
 from studies import paper_order
 from studies.aggregate import Scale, by_scale, distinctions, rows_of
