@@ -17,6 +17,7 @@ from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
 
+from shaftpose.core.markdown import pipe_table
 from shaftpose.core.scaling import block_counts
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.network.building import NetworkSettings, build_network
@@ -27,7 +28,6 @@ from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
-from shaftpose.core.markdown import pipe_table
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.parts import PoseRanges, Variant

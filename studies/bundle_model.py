@@ -17,6 +17,7 @@ from typing import Any
 
 import onnx
 
+from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.bundled import CHECKSUM, MODEL, checksum
@@ -25,7 +26,6 @@ from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.json_files import read_json
-from shaftpose.core.markdown import pipe_table
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check, noted

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from shaftpose.core.markdown import pipe_table
 from shaftpose.figures.binned_errors_figure import FEWEST
 from shaftpose.nested import flatten
 from shaftpose.report.ablation import AblationReport
-from shaftpose.core.markdown import pipe_table
 from shaftpose.report.report import blocks
 from studies.record import TrainingRecord
 from studies.sweep_jobs import NO_VALUE
