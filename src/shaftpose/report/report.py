@@ -34,7 +34,7 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
     return [
-        f"Champion: **{escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
+        f"Champion: **{escape(report.title(report.champion.variant))}**: {report.champion.rule}.",
         f"{level} Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
@@ -87,7 +87,7 @@ def to_html(report: AblationReport) -> str:
     )
     return environment.from_string(template).render(
         report=report,
-        champion=report_tables.champion_title(report),
+        champion=report.title(report.champion.variant),
         headlines=_headlines(report),
         columns_i=report_tables.TABLE_I_COLUMNS,
         columns_ii=report_tables.TABLE_II_COLUMNS,

@@ -87,13 +87,6 @@ def show(value: float | int | None, decimals: int) -> str:
     return f"{value:,.{decimals}f}"
 
 
-def champion_title(report: AblationReport) -> str:
-    """The champion's title."""
-    own = {row.variant: row.title for row in report.rows}
-    name = report.champion.variant
-    return variant_title(name, report.domain_label, own.get(name, ""))
-
-
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant next to the paper's row, then the constant predictor."""
     champion = report.champion.variant
@@ -122,12 +115,11 @@ def beside_paper(
 
 def table_ii(report: AblationReport) -> list[ComparedRow]:
     """Rendered images, then real or stand-in images; one row for each measured variant."""
-    own_titles = {row.variant: row.title for row in report.rows}
     # Our domain, its key in TABLE_II, and the paper's name for it.
     domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
     return [
         ComparedRow(
-            title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
+            title=report.title(variant),
             paper=_paper_silhouette_cells(variant, paper_domain),
             ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
             domain=domain,
