@@ -4,7 +4,6 @@ Prints images per second of every `models/*/model.onnx` by batch size, decoding 
 suppression included, and writes them to `benchmarks/results/prediction.json`.
 """
 
-import json
 import statistics
 import sys
 import time
@@ -19,6 +18,7 @@ from shaftpose.core.images import Image
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
+from shaftpose.json_files import write_json
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"
@@ -77,8 +77,7 @@ def write(speeds: dict[tuple[str, int], float]) -> None:
             for (name, batch), speed in speeds.items()
         ],
     }
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps(result, indent=1) + "\n")
+    write_json(OUT, result)
     print(f"written to {OUT.relative_to(ROOT)}")
 
 

@@ -5,7 +5,6 @@ nothing: `python -m benchmarks.render --quick throughput profile`.
 """
 
 import argparse
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
 from shaftpose.errors import InputError
+from shaftpose.json_files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
 
 OUT = ROOT / "benchmarks/results/render.json"
@@ -68,7 +68,7 @@ def main() -> None:
         sys.exit(f"error: {error}")
     print("\n".join(table(found)))
     if counts == FULL and found.keys() == PARTS.keys():
-        OUT.write_text(json.dumps(_result(rendered, counts, found), indent=1) + "\n")
+        write_json(OUT, _result(rendered, counts, found))
         print(f"written to {OUT.relative_to(ROOT)}")
 
 

@@ -9,7 +9,6 @@ writes `train-gpu.json`.
 """
 
 import argparse
-import json
 import os
 import statistics
 import sys
@@ -30,6 +29,7 @@ from shaftpose.core.batches import Batch
 from shaftpose.core.split_lists import read_keys
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.errors import InputError
+from shaftpose.json_files import write_json
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings
@@ -95,9 +95,8 @@ def main() -> None:
         about["device"] = torch.cuda.get_device_name()
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
-    RESULTS.mkdir(parents=True, exist_ok=True)
     result |= {"aims": verdicts(profiles, LOOP_AIM[device]), "profiles": profiles}
-    OUT[device].write_text(json.dumps(result, indent=1) + "\n")
+    write_json(OUT[device], result)
     print(f"written to {OUT[device].relative_to(ROOT)}")
 
 

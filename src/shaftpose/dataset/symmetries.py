@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.angles import unsigned_deg
+from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
-
-Image = NDArray[np.uint8]
 
 
 def random_symmetry(
