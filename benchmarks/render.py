@@ -6,7 +6,6 @@ nothing: `python -m benchmarks.render --quick throughput profile`.
 
 import argparse
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -16,7 +15,7 @@ from benchmarks.machine import machine
 from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
-from shaftpose.errors import InputError
+from shaftpose.errors import exit_on_input_error
 from shaftpose.json_files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
 
@@ -61,11 +60,9 @@ def main() -> None:
     arguments = _arguments()
     counts = QUICK if arguments.quick else FULL
     os.environ["OMP_NUM_THREADS"] = "1"
-    try:
+    with exit_on_input_error():
         rendered = default_set()
         found = {name: PARTS[name](rendered, counts) for name in PARTS if name in arguments.parts}
-    except InputError as error:
-        sys.exit(f"error: {error}")
     print("\n".join(table(found)))
     if counts == FULL and found.keys() == PARTS.keys():
         write_json(OUT, _result(rendered, counts, found))

@@ -11,7 +11,6 @@ writes `train-gpu.json`.
 import argparse
 import os
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -28,7 +27,7 @@ from benchmarks.machine import machine
 from shaftpose.core.batches import Batch
 from shaftpose.core.split_lists import read_keys
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.json_files import write_json
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.single_shot import SingleShotNetwork
@@ -83,13 +82,11 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="blocks of each kind")
     arguments = parser.parse_args()
     os.chdir(ROOT)
-    try:
+    with exit_on_input_error():
         profiles = {
             name: timed_profile(name, device, arguments.steps, arguments.rounds)
             for name in PROFILES
         }
-    except InputError as error:
-        sys.exit(f"error: {error}")
     about = {**machine(), "threads": torch.get_num_threads()}
     if device == "cuda":
         about["device"] = torch.cuda.get_device_name()

@@ -9,7 +9,6 @@ images, and bounds for the model's errors on them).
 
 import argparse
 import shutil
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +22,7 @@ from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.bundled import CHECKSUM, MODEL, checksum
 from shaftpose.deployment.half_weights import with_half_weights
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.json_files import read_json
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
@@ -47,10 +46,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of an exported and evaluated training")
     parser.add_argument("--results", type=Path, help="folder of evaluation.json (default: FOLDER)")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error():
         bundle(arguments.folder, arguments.results or arguments.folder, ROOT)
-    except InputError as error:
-        sys.exit(f"error: {error}")
 
 
 def bundle(folder: Path, results: Path, root: Path) -> None:

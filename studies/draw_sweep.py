@@ -8,7 +8,6 @@ MLflow, draws them in `docs/images/sweep-NAME.png` and writes their table,
 import argparse
 import csv
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import yaml
 
 from shaftpose import tracking
 from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 from studies.sweep_figure import sweep_figure
 from studies.sweep_jobs import SweepJob, swept_parameters
 
@@ -34,11 +33,9 @@ def main() -> None:
     parser.add_argument("sweep", type=Path, help="the sweep's folder")
     parser.add_argument("--name", required=True, help="name of the picture and the table")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error():
         picture, table = places(arguments.name)
         jobs, unfinished = read_jobs(arguments.sweep)
-    except InputError as error:
-        sys.exit(f"error: {error}")
     save_figure(sweep_figure(jobs, METRICS), picture)
     write_table(jobs, table)
     print(f"{described(jobs, unfinished)}; see {picture} and {table}")

@@ -5,7 +5,6 @@ from the variants' files.
 """
 
 import csv
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError
+from shaftpose.errors import exit_on_input_error
 from shaftpose.json_files import read_json
 from shaftpose.report.ablation import AblationReport, Champion
 from studies.architecture_tables import rounding_table
@@ -28,12 +27,10 @@ PAGE, README = ROOT / "docs/results.md", ROOT / "README.md"
 
 def main() -> None:
     """Write the page and its pictures, and README's table."""
-    try:
+    with exit_on_input_error():
         PAGE.write_text(page(ROOT))
         README.write_text(with_table(README.read_text(), report_of(ROOT)))
         draw(repeated_figures(records(ROOT)), PAGE.parent)
-    except InputError as error:
-        sys.exit(f"error: {error}")
     print(f"written to {PAGE.relative_to(ROOT)} and {README.name}")
 
 
