@@ -6,7 +6,6 @@ MLflow, draws them in `docs/images/sweep-NAME.png` and writes their table,
 """
 
 import argparse
-import csv
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ import yaml
 from shaftpose import tracking
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.files import write_csv
 from studies.sweep_figure import sweep_figure
 from studies.sweep_jobs import SweepJob, swept_parameters
 
@@ -76,14 +76,12 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
     """Write one line for each job; missing values are empty."""
     names = list(dict.fromkeys([*swept_parameters(jobs), *SCALE]))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow([*names, "steps", *METRICS])
-        for job in jobs:
-            row = [*(job.parameters.get(name, "") for name in names), job.steps]
-            values = [job.metrics.get(name) for name in METRICS]
-            table.writerow([*row, *("" if value is None else f"{value:.6g}" for value in values)])
+    rows = []
+    for job in jobs:
+        row = [*(job.parameters.get(name, "") for name in names), job.steps]
+        values = [job.metrics.get(name) for name in METRICS]
+        rows.append([*row, *("" if value is None else f"{value:.6g}" for value in values)])
+    write_csv(path, [*names, "steps", *METRICS], rows)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from shaftpose.backgrounds.library import procedural_sources, write_library
-from shaftpose.backgrounds.tissue import MUCOSA
-from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.backgrounds.library import write_backgrounds
 from shaftpose.core.background_index import read_library
 from shaftpose.farm.worker import start_generator
 from shaftpose.rendering.rendered_set import RenderedSet
+from shaftpose.rendering.set_plans import by_path
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.parts import BackgroundSettings
 from shaftpose.settings.tree import Settings
@@ -46,10 +45,9 @@ def default_set() -> RenderedSet:
 
 def _backgrounds(settings: BackgroundSettings, size_px: int) -> dict[Path, str]:
     """Backgrounds, file -> id of its source; regenerated each time with the same bytes."""
-    ranges = VariationRanges(settings.hue_deg, settings.saturation, settings.brightness)
-    sources, out = procedural_sources(_SOURCES, SEED, size_px, MUCOSA), SCRATCH / "backgrounds"
-    write_library(sources, out, _VARIATIONS, ranges, SEED, size_px, _SOURCES)
-    return {background.path: background.source for background in read_library(out)}
+    out = SCRATCH / "backgrounds"
+    write_backgrounds(replace(settings, source=None), _SOURCES, _VARIATIONS, size_px, SEED, out)
+    return by_path(read_library(out))
 
 
 def in_processes(
