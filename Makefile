@@ -90,7 +90,7 @@ architecture: $(READY)  ## write the tables of docs/architecture.md
 learning: $(READY)  ## write the tables of docs/learning.md from reports/learning
 	python -m studies.learning_tables
 
-results: $(READY)  ## write docs/results.md from the recorded reports and benchmarks
+results: $(READY)  ## write docs/results.md and README's table from the recorded reports and benchmarks
 	python -m studies.write_results_page
 
 clean:  ## remove data/scratch, from which interrupted renders and trainings resume

@@ -4,9 +4,7 @@ Prints images per second of every `models/*/model.onnx` by batch size, decoding 
 suppression included, and writes them to `benchmarks/results/prediction.json`.
 """
 
-import json
 import statistics
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +16,8 @@ from benchmarks.machine import machine
 from shaftpose.core.images import Image
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.json_files import write_json
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"
@@ -30,10 +29,8 @@ PAUSE_S = 0.1
 
 def main() -> None:
     """Print and write the speeds of all models built by `make repro`."""
-    try:
+    with exit_on_input_error():
         predictors, images = inputs()
-    except InputError as error:
-        sys.exit(f"error: {error}")
     speeds = measure(predictors, images)
     print("images/s   " + "".join(f"batch {batch:<4}" for batch in BATCHES))
     for name in predictors:
@@ -77,8 +74,7 @@ def write(speeds: dict[tuple[str, int], float]) -> None:
             for (name, batch), speed in speeds.items()
         ],
     }
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    OUT.write_text(json.dumps(result, indent=1) + "\n")
+    write_json(OUT, result)
     print(f"written to {OUT.relative_to(ROOT)}")
 
 

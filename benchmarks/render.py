@@ -5,9 +5,7 @@ nothing: `python -m benchmarks.render --quick throughput profile`.
 """
 
 import argparse
-import json
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -17,7 +15,8 @@ from benchmarks.machine import machine
 from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
-from shaftpose.errors import InputError
+from shaftpose.errors import exit_on_input_error
+from shaftpose.json_files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
 
 OUT = ROOT / "benchmarks/results/render.json"
@@ -61,14 +60,12 @@ def main() -> None:
     arguments = _arguments()
     counts = QUICK if arguments.quick else FULL
     os.environ["OMP_NUM_THREADS"] = "1"
-    try:
+    with exit_on_input_error():
         rendered = default_set()
         found = {name: PARTS[name](rendered, counts) for name in PARTS if name in arguments.parts}
-    except InputError as error:
-        sys.exit(f"error: {error}")
     print("\n".join(table(found)))
     if counts == FULL and found.keys() == PARTS.keys():
-        OUT.write_text(json.dumps(_result(rendered, counts, found), indent=1) + "\n")
+        write_json(OUT, _result(rendered, counts, found))
         print(f"written to {OUT.relative_to(ROOT)}")
 
 

@@ -3,15 +3,15 @@
 `python -m benchmarks.scaling_tables` reads benchmarks/results/render.json.
 """
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
+from shaftpose.core.markdown import pipe_table
 from shaftpose.errors import InputError
-from shaftpose.report.report import pipe_table
 from shaftpose.settings.parsing import from_json
 from shaftpose.settings.parts import Positive, PositiveInt
+from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/results/render.json"
@@ -95,10 +95,7 @@ class Measured:
 
 def main() -> None:
     """Write the tables between their markers in docs/scaling.md."""
-    try:
-        PAGE.write_text(with_tables(PAGE.read_text(), read_measured()))
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    rewrite(PAGE, lambda text: page(text, read_measured()))
 
 
 def read_measured() -> Measured:
@@ -109,27 +106,15 @@ def read_measured() -> Measured:
         raise InputError(f"{error}; `make bench-render` writes it") from error
 
 
-def with_tables(page: str, measured: Measured) -> str:
-    """A page with its tables replaced by new ones."""
+def page(text: str, measured: Measured) -> str:
+    """The page with its tables up to date."""
     tables = {
         "aims": aims_table(measured),
         "profile": profile_table(measured),
         "quality": quality_table(measured),
         "cost": cost_table(measured),
     }
-    for name, text in tables.items():
-        page = filled(page, name, text)
-    return page
-
-
-def filled(page: str, name: str, text: str) -> str:
-    """A page with the content between the markers of `name` replaced by `text`."""
-    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    before, found, rest = page.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not found or not closed:
-        raise InputError(f"{PAGE}: lacks {begin} or {end}; add both where the table belongs")
-    return f"{before}{begin}\n{text}\n{end}{after}"
+    return with_tables(text, tables, "make bench-render", "docs/scaling.md")
 
 
 def aims_table(measured: Measured) -> str:

@@ -9,10 +9,8 @@ writes `train-gpu.json`.
 """
 
 import argparse
-import json
 import os
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -29,7 +27,8 @@ from benchmarks.machine import machine
 from shaftpose.core.batches import Batch
 from shaftpose.core.split_lists import read_keys
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.json_files import write_json
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings
@@ -83,21 +82,18 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="blocks of each kind")
     arguments = parser.parse_args()
     os.chdir(ROOT)
-    try:
+    with exit_on_input_error():
         profiles = {
             name: timed_profile(name, device, arguments.steps, arguments.rounds)
             for name in PROFILES
         }
-    except InputError as error:
-        sys.exit(f"error: {error}")
     about = {**machine(), "threads": torch.get_num_threads()}
     if device == "cuda":
         about["device"] = torch.cuda.get_device_name()
     counts = {"steps": arguments.steps, "rounds": arguments.rounds}
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
-    RESULTS.mkdir(parents=True, exist_ok=True)
     result |= {"aims": verdicts(profiles, LOOP_AIM[device]), "profiles": profiles}
-    OUT[device].write_text(json.dumps(result, indent=1) + "\n")
+    write_json(OUT[device], result)
     print(f"written to {OUT[device].relative_to(ROOT)}")
 
 

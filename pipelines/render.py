@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from shaftpose.core.background_index import read_library
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.scale_out import render_sets
 from shaftpose.rendering.bop_models import write_models
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
@@ -18,13 +17,8 @@ SCRATCH = Path("data/scratch")
 def main(settings: Settings) -> None:
     """Write `images/`, `clear/`, `occluded/` and `models/` to `out`."""
     with alone_in(settings.out, SCRATCH):  # another run must not start between two sets
-        sets = rendered_sets(
-            settings.rendering,
-            settings.size,
-            library=read_library(Path("data/backgrounds")),
-            held_out=settings.backgrounds.held_out,
-            seed=settings.seed,
-        )
+        held_out = settings.backgrounds.held_out
+        sets = planned_sets(settings.rendering, settings.size, held_out, settings.seed)
         render_sets(sets, settings.cluster, SCRATCH, settings.out)
         write_models(settings.out / "models", instrument_shape(settings.rendering.shaft))
 

@@ -6,17 +6,17 @@ and depths of conf/profiles.yaml. They use no memory for weights (torch's device
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-import yaml
 from hydra.utils import instantiate
 from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
 
+from shaftpose.core.markdown import pipe_table
 from shaftpose.core.scaling import block_counts
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.network.building import NetworkSettings, build_network
@@ -27,11 +27,9 @@ from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
-from shaftpose.report.report import pipe_table
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import PoseRanges, Variant
-from shaftpose.settings.tree import VARIANTS, read_variant
+from shaftpose.settings.parts import Variant
+from shaftpose.settings.tree import VARIANTS, Settings, read_variant
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
@@ -118,10 +116,10 @@ def network_table() -> str:
 
 def budget_table() -> str:
     """Training hours with the profile `paper` at several computing speeds."""
-    paper = profiles()["paper"]
-    images, rows = paper["steps"] * paper["batch_size"], []
+    paper = settings("paper").size
+    images, rows = paper.steps * paper.batch_size, []
     for names, variant in networks().items():
-        operations = training_flops(build(variant, paper["width"], paper["depth"]))
+        operations = training_flops(build(variant, paper.width, paper.depth))
         hours = [operations * images / speed / 1000 / 3600 for speed in SPEEDS]
         cells = f"{operations:.1f}", f"{images:,}", *(f"{value:,.1f}" for value in hours)
         rows.append([names, *cells])
@@ -144,7 +142,7 @@ def rounding_errors(coder: BinCoder) -> dict[str, float | None]:
 
     Poses are drawn uniformly from the ranges of params.yaml.
     """
-    ranges = pose_ranges()
+    ranges = settings("paper").rendering.poses
     true = np.random.default_rng(0).uniform(ranges.low, ranges.high, (POSES, len(ranges.low)))
     right = coder.encode(torch.tensor(true, dtype=torch.float32)).unbind(-1)
     logits = [one_hot(bins, count) for bins, count in zip(right, coder.bins, strict=True)]
@@ -156,15 +154,15 @@ def sizes() -> dict[str, tuple[float, float]]:
     """Profiles -> width and depth of their networks; profiles of one size share a key."""
     by_size: dict[tuple[float, float], list[str]] = {}
     for name in PROFILES:
-        size = profiles()[name]["width"], profiles()[name]["depth"]
-        by_size.setdefault(size, []).append(name)
+        size = settings(name).size
+        by_size.setdefault((size.width, size.depth), []).append(name)
     return {", ".join(names): size for size, names in by_size.items()}
 
 
-def profiles() -> dict[str, dict[str, Any]]:
-    """The content of conf/profiles.yaml."""
-    content: dict[str, dict[str, Any]] = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())
-    return content
+@cache
+def settings(profile: str) -> Settings:
+    """The settings of params.yaml with this profile."""
+    return composed_settings(ROOT, f"profile={profile}")
 
 
 def networks() -> dict[str, Variant]:
@@ -182,14 +180,11 @@ def networks() -> dict[str, Variant]:
 
 def build(variant: Variant, width: float, depth: float) -> SingleShotNetwork:
     """The network of a variant, without memory for its weights."""
-    settings = composed_settings(ROOT, "profile=paper")
-    size = replace(settings.size, width=width, depth=depth)
+    chosen = settings("paper")
+    size = replace(chosen.size, width=width, depth=depth)
+    camera, poses = chosen.rendering.camera, chosen.rendering.poses
     with torch.device("meta"):
-        network = build_network(
-            NetworkSettings(
-                variant, size, settings.rendering.camera, settings.rendering.poses, settings.loss
-            )
-        )
+        network = build_network(NetworkSettings(variant, size, camera, poses, chosen.loss))
     assert isinstance(network, SingleShotNetwork)
     return network.eval()
 
@@ -197,13 +192,8 @@ def build(variant: Variant, width: float, depth: float) -> SingleShotNetwork:
 def pose_coder(variant: Variant) -> PoseCoder:
     """The pose coder of a variant for the ranges of params.yaml."""
     make: Callable[..., PoseCoder] = instantiate(variant.network).keywords["pose_coder"]
-    return make(pose_ranges().low, pose_ranges().high)
-
-
-def pose_ranges() -> PoseRanges:
-    """The pose ranges of params.yaml."""
-    poses = yaml.safe_load((ROOT / "params.yaml").read_text())["poses"]
-    return parse(PoseRanges, poses, "params.yaml: poses")
+    ranges = settings("paper").rendering.poses
+    return make(ranges.low, ranges.high)
 
 
 def parameters(module: nn.Module) -> int:

@@ -9,24 +9,22 @@ images, and bounds for the model's errors on them).
 
 import argparse
 import shutil
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import onnx
-from jinja2 import Environment, StrictUndefined
 
+from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.bundled import CHECKSUM, MODEL, checksum
 from shaftpose.deployment.half_weights import with_half_weights
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.json_files import read_json
-from shaftpose.report.report import pipe_table
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
@@ -34,10 +32,11 @@ from studies.evaluate_trainings import check, noted
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
 from studies.record import whole
+from studies.templates import rendered
 
 ROOT = Path(__file__).parents[1]
 MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_model")
-CARD, TEMPLATE = "shaftpose.md", Path(__file__).with_name("model_card.md.j2")
+CARD = "shaftpose.md"
 MOST_BYTES = 8_000_000
 SAME_MAP = 1e-3  # rounding causes smaller differences
 
@@ -48,10 +47,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of an exported and evaluated training")
     parser.add_argument("--results", type=Path, help="folder of evaluation.json (default: FOLDER)")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error():
         bundle(arguments.folder, arguments.results or arguments.folder, ROOT)
-    except InputError as error:
-        sys.exit(f"error: {error}")
 
 
 def bundle(folder: Path, results: Path, root: Path) -> None:
@@ -126,10 +123,8 @@ def card(result: Mapping[str, Any], stored: Predictor, comparison: Comparison, s
     """The model card as Markdown; `source` is the id of a background of the test images."""
     columns = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
     files = {"exported": comparison.exported, "bundled": comparison.stored}
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
-    )
-    return environment.from_string(TEMPLATE.read_text()).render(
+    return rendered(
+        "model_card.md.j2",
         file=MODEL,
         title=result["title"],
         training=result["training"],

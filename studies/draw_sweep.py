@@ -6,9 +6,7 @@ MLflow, draws them in `docs/images/sweep-NAME.png` and writes their table,
 """
 
 import argparse
-import csv
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +14,8 @@ import yaml
 
 from shaftpose import tracking
 from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.files import write_csv
 from studies.sweep_figure import sweep_figure
 from studies.sweep_jobs import SweepJob, swept_parameters
 
@@ -34,11 +33,9 @@ def main() -> None:
     parser.add_argument("sweep", type=Path, help="the sweep's folder")
     parser.add_argument("--name", required=True, help="name of the picture and the table")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error():
         picture, table = places(arguments.name)
         jobs, unfinished = read_jobs(arguments.sweep)
-    except InputError as error:
-        sys.exit(f"error: {error}")
     save_figure(sweep_figure(jobs, METRICS), picture)
     write_table(jobs, table)
     print(f"{described(jobs, unfinished)}; see {picture} and {table}")
@@ -79,14 +76,12 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
     """Write one line for each job; missing values are empty."""
     names = list(dict.fromkeys([*swept_parameters(jobs), *SCALE]))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow([*names, "steps", *METRICS])
-        for job in jobs:
-            row = [*(job.parameters.get(name, "") for name in names), job.steps]
-            values = [job.metrics.get(name) for name in METRICS]
-            table.writerow([*row, *("" if value is None else f"{value:.6g}" for value in values)])
+    rows = []
+    for job in jobs:
+        row = [*(job.parameters.get(name, "") for name in names), job.steps]
+        values = [job.metrics.get(name) for name in METRICS]
+        rows.append([*row, *("" if value is None else f"{value:.6g}" for value in values)])
+    write_csv(path, [*names, "steps", *METRICS], rows)
 
 
 if __name__ == "__main__":

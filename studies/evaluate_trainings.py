@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.binned_errors import from_plain
 from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.json_files import read_json, write_json
@@ -35,15 +35,13 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path, help="folders of finished trainings")
     parser.add_argument("--with", nargs="*", default=[], dest="settings", help="Hydra's overrides")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error():
         data = rendered_digest()
         for folder in arguments.folders:
             check(folder, data)
         for folder in arguments.folders:
             evaluate(folder, arguments.settings)
             print(f"recorded in {', '.join(map(str, record(folder)))}")
-    except InputError as error:
-        sys.exit(f"error: {error}")
 
 
 def check(folder: Path, data: str) -> None:

@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-from shaftpose.report.report import pipe_table
+from shaftpose.core.markdown import pipe_table
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.prediction import predict
+from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.metrics import Metrics, evaluate
 from shaftpose.evaluation.pose_errors import pose_errors
@@ -53,10 +53,9 @@ def compare(
     exported: Predictor, stored: Predictor, shards: ShardedDataset, keys: Sequence[str]
 ) -> Comparison:
     """Compare both models on these images at the exported model's confidence threshold."""
-    known, confidence = [shards.annotations(key) for key in keys], exported.confidence
-    first, second = (
-        predict(model, (shards.rgb(key) for key in keys), len(keys)) for model in (exported, stored)
-    )
+    first, known = predict_shards(exported, shards, keys)
+    second, _ = predict_shards(stored, shards, keys)
+    confidence = exported.confidence
     counted = [found.above(confidence) for found in first]
     moved = pose_errors(second, [Annotations(f.boxes, f.poses) for f in counted], confidence)
     return Comparison(

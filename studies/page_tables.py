@@ -1,18 +1,15 @@
 """Tables of a documentation page, each between a pair of markers."""
 
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from shaftpose.errors import InputError
+from shaftpose.errors import InputError, exit_on_input_error
 
 
 def rewrite(path: Path, change: Callable[[str], str]) -> None:
     """Apply `change` to a page. An InputError ends the command with one line and status 1."""
-    try:
+    with exit_on_input_error():
         path.write_text(change(path.read_text()))
-    except InputError as error:
-        sys.exit(f"error: {error}")
 
 
 def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -> str:

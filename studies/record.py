@@ -23,7 +23,7 @@ class TrainingRecord:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`.
 
     recipe: settings that compared trainings must share: those recorded by the train stage (sizes,
-    backbone, loss, ranges of poses, training) and those of detection. variant: settings that
+    camera, ranges of poses, loss, training) and those of detection. variant: settings that
     trainings of one variant must also share. data: digest of the rendered images and their split.
     real: `domain`, number `images` and `digest` of the real training images; None without any.
     """

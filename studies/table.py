@@ -1,66 +1,63 @@
-"""Repeated trainings on the results page: tables, verdicts and pictures."""
+"""Repeated trainings on the results page: tables, verdicts and pictures of each scale."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from matplotlib.figure import Figure
 
 from shaftpose.core.instruments import POSE_DIMENSIONS
+from shaftpose.core.markdown import pipe_table
 from shaftpose.evaluation.common_instruments import common_instruments, means_on
 from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.report import report_tables
 from shaftpose.report.ablation import STAND_IN, VariantRow, variant_title
-from shaftpose.report.report import pipe_table, table_i_block
+from shaftpose.report.report import table_i_block
 from shaftpose.report.report_tables import TABLE_I_METRICS
 from studies import paper_order
 from studies.aggregate import Scale, by_scale, distinctions, rows_of
 from studies.record import TrainingRecord
 
-INTRO = (
-    "All trainings that `studies.evaluate_trainings` recorded in `reports/trainings`. Cells show "
-    "paper / ours; ours are means ± half the range over the seeds. Detected rate and errors use "
-    "each model's own confidence threshold, the one with the best F1 on the validation images. "
-    "Errors are means over the detected instruments."
-)
-ORDER = (
-    "Change of each metric in each step of the paper's study, and whether the paper reports the "
-    "same direction. A difference within the spread is no larger than the sum of both half ranges "
-    "(for a variant trained once: the largest known half range). A larger difference is a hint, "
-    "not a proof: with so few trainings, it is often due to chance. For B the paper states only "
-    "that rotations in steps of 5 deg are not precise enough; the rounding errors of classes are "
-    "[below](#rounding-errors-of-pose-classes). Errors are those on the same instruments. "
-    "[ablation.md](ablation.md) discusses the conclusions and possible reasons."
-)
-COMMON = (
-    "The same errors on the same instruments: the {count:,} of {total:,} that all these trainings "
-    "detected. (In the table above, a variant that also detects hard instruments may have larger "
-    "errors for that reason.)"
-)
-CURVES = (
-    "Learning curves on the validation images, one line for each training. The pose loss of "
-    "classes (cross-entropy) is not comparable with that of numbers."
-)
 COMMON_COLUMNS = tuple(
     column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
 )
 DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
 HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
-
-
 # Prefixes of picture names.
 CURVES_PICTURE, ERRORS_PICTURE = "curves", "errors"
 PICTURES = (CURVES_PICTURE, ERRORS_PICTURE)
 
 
-def repeated_blocks(records: Sequence[TrainingRecord]) -> list[str]:
-    """Blocks of Markdown for each scale of these trainings; if there are several, headings state
-    their differences."""
-    parts, scales = [INTRO], by_scale(records)
-    for (scale, alike), own in zip(scales.items(), distinctions(list(scales)), strict=True):
-        parts += [f"### {own}"] if own else []
-        parts += _of_scale(scale, alike)
-    return parts
+@dataclass(frozen=True)
+class CommonErrors:
+    """Tables of several trainings on the `count` of `total` instruments that all detected: errors,
+    and the paper's order, "" unless a variant was repeated."""
+
+    count: int
+    total: int
+    table: str
+    order: str
+
+
+@dataclass(frozen=True)
+class ScaleTables:
+    """Trainings of one scale: their differences from other scales, if there are any, a sentence on
+    their settings, their seeds, accuracy and common errors, and paths of two pictures."""
+
+    differences: str
+    sentence: str
+    seeds: str
+    table: str
+    common: CommonErrors | None
+    curves: str
+    errors: str
+
+
+def scale_tables(records: Sequence[TrainingRecord]) -> list[ScaleTables]:
+    """The tables of each scale of these trainings."""
+    scales = by_scale(records)
+    own = distinctions(list(scales))
+    return [_of_scale(*each) for each in zip(own, scales.keys(), scales.values(), strict=True)]
 
 
 def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
@@ -87,7 +84,7 @@ def _domain_of(alike: Sequence[TrainingRecord]) -> str:
     return next((record.real["domain"] for record in alike if record.real), STAND_IN)
 
 
-def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
+def _of_scale(differences: str, scale: Scale, alike: Sequence[TrainingRecord]) -> ScaleTables:
     rows, domain_label = rows_of(alike), _domain_of(alike)
     columns = report_tables.TRAINING_COLUMNS
     compared = report_tables.beside_paper(rows, domain_label, columns)
@@ -95,20 +92,18 @@ def _of_scale(scale: Scale, alike: Sequence[TrainingRecord]) -> list[str]:
         f"{line.title}: {', '.join(map(str, row.seeds))}"
         for row, line in zip(rows, compared, strict=True)
     )
-    return [
-        f"{scale.sentence()} Seeds: {seeds}.",
-        table_i_block(compared, columns),
-        *_comparison(alike, domain_label),
-        f"{CURVES}\n\n![Learning curves]({_picture(CURVES_PICTURE, scale)})",
-        f"Errors on the test images, for one training of each variant:\n\n"
-        f"![Errors by depth, pitch, yaw and visibility]({_picture(ERRORS_PICTURE, scale)})",
-    ]
+    return ScaleTables(
+        differences=differences,
+        sentence=scale.sentence(),
+        seeds=seeds,
+        table=table_i_block(compared, columns),
+        common=_common_errors(alike, domain_label) if len(alike) > 1 else None,
+        curves=_picture(CURVES_PICTURE, scale),
+        errors=_picture(ERRORS_PICTURE, scale),
+    )
 
 
-def _comparison(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]:
-    """Errors of several trainings on the instruments that all detected, and the order."""
-    if len(alike) == 1:
-        return []
+def _common_errors(alike: Sequence[TrainingRecord], domain_label: str) -> CommonErrors:
     common = common_instruments([record.found for record in alike])
     rows = rows_of([_with_errors_on(common, record) for record in alike])
     lines = [
@@ -118,9 +113,8 @@ def _comparison(alike: Sequence[TrainingRecord], domain_label: str) -> list[str]
         ]
         for row in rows
     ]
-    headings = ["Variant", *(column.heading for column in COMMON_COLUMNS)]
-    count = COMMON.format(count=len(common), total=alike[0].found.total)
-    return [count, pipe_table(headings, lines), *_order(rows, domain_label)]
+    table = pipe_table(["Variant", *(column.heading for column in COMMON_COLUMNS)], lines)
+    return CommonErrors(len(common), alike[0].found.total, table, _order(rows, domain_label))
 
 
 def _with_errors_on(instruments: set[int], record: TrainingRecord) -> TrainingRecord:
@@ -130,12 +124,11 @@ def _with_errors_on(instruments: set[int], record: TrainingRecord) -> TrainingRe
     return replace(record, row=replace(record.row, metrics=metrics))
 
 
-def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
-    """The paper's order compared with rows of errors on the same instruments; empty unless a
-    variant was repeated."""
+def _order(rows: Sequence[VariantRow], domain_label: str) -> str:
+    """The paper's order compared with rows of errors on the same instruments."""
     found = paper_order.changes(rows)
     if not found:
-        return []
+        return ""
     titles = {row.variant: variant_title(row.variant, domain_label, row.title) for row in rows}
     lines = [
         [f"{titles[before]} to {titles[after]}"]
@@ -143,7 +136,7 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> list[str]:
         for (before, after), changes in found.items()
     ]
     headings = ["Step", *(HEADINGS[metric] for metric in paper_order.METRICS)]
-    return [ORDER, pipe_table(headings, lines)]
+    return pipe_table(headings, lines)
 
 
 def _cell(metric: str, change: paper_order.Change | None) -> str:

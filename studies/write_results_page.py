@@ -1,11 +1,10 @@
-"""Write docs/results.md and draw its pictures of repeated trainings: `make results`.
+"""Write docs/results.md, its pictures of repeated trainings and README's table: `make results`.
 
 All content comes from the result files in the repository; the rounding errors of pose classes come
 from the variants' files.
 """
 
 import csv
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,26 +12,26 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError
+from shaftpose.errors import exit_on_input_error
 from shaftpose.json_files import read_json
 from shaftpose.report.ablation import AblationReport, Champion
 from studies.architecture_tables import rounding_table
+from studies.readme_table import with_table
 from studies.record import TrainingRecord, read_record, read_row, whole
 from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs/results.md"
+PAGE, README = ROOT / "docs/results.md", ROOT / "README.md"
 
 
 def main() -> None:
-    """Write the page and its pictures."""
-    try:
+    """Write the page and its pictures, and README's table."""
+    with exit_on_input_error():
         PAGE.write_text(page(ROOT))
+        README.write_text(with_table(README.read_text(), report_of(ROOT)))
         draw(repeated_figures(records(ROOT)), PAGE.parent)
-    except InputError as error:
-        sys.exit(f"error: {error}")
-    print(f"written to {PAGE.relative_to(ROOT)}")
+    print(f"written to {PAGE.relative_to(ROOT)} and {README.name}")
 
 
 def draw(figures: Mapping[str, Figure], folder: Path) -> None:

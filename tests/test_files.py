@@ -1,11 +1,11 @@
-"""Atomic file writes, and full disks."""
+"""Atomic file writes, CSV files, and full disks."""
 
 from pathlib import Path
 
 import pytest
 
 from shaftpose.errors import InputError
-from shaftpose.files import naming_full_disk, new_file
+from shaftpose.files import naming_full_disk, new_file, write_csv
 
 
 def write(path: Path, text: str) -> None:
@@ -52,3 +52,8 @@ def test_a_full_disk_is_named_with_the_remedy(tmp_path: Path) -> None:
 def test_other_errors_of_a_disk_stay_what_they_are(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError), naming_full_disk(tmp_path):
         (tmp_path / "missing").read_text()
+
+
+def test_a_table_has_its_headings_first(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a/table.csv", ["name", "value"], [["x, y", 0.5], ["z", 2]])
+    assert (tmp_path / "a/table.csv").read_bytes() == b'name,value\n"x, y",0.5\nz,2\n'

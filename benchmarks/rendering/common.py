@@ -3,20 +3,19 @@
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import yaml
-
-from shaftpose.backgrounds.library import procedural_sources, write_library
-from shaftpose.backgrounds.tissue import MUCOSA
-from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.backgrounds.library import write_backgrounds
 from shaftpose.core.background_index import read_library
 from shaftpose.farm.worker import start_generator
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import BackgroundSettings, RenderSettings
+from shaftpose.rendering.set_plans import by_path
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.parts import BackgroundSettings
+from shaftpose.settings.tree import Settings
 
 if TYPE_CHECKING:
     from shaftpose.rendering.generator import Generator
@@ -31,30 +30,24 @@ Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
 
-def parameters() -> dict[str, Any]:
-    """The content of params.yaml."""
-    values: dict[str, Any] = yaml.safe_load((ROOT / "params.yaml").read_text())
-    return values
+def default_settings() -> Settings:
+    """The settings of params.yaml with the benchmark's profile."""
+    return composed_settings(ROOT, f"profile={PROFILE}")
 
 
 def default_set() -> RenderedSet:
     """The default settings with procedural backgrounds; each part sets the number of images."""
-    values = parameters()
-    size = yaml.safe_load((ROOT / "conf/profiles.yaml").read_text())[PROFILE]
-    parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
-    quality = {"samples": size["samples"], "jpeg_quality": values["render"]["jpeg_quality"]}
-    settings = parse(RenderSettings, parts | quality, "params.yaml")
-    backgrounds = _backgrounds(values, settings.camera.size_px)
-    return RenderedSet(settings, backgrounds, SEED, images=1, images_per_shard=1)
+    settings = default_settings()
+    rendering = replace(settings.rendering, device="cpu")
+    backgrounds = _backgrounds(settings.backgrounds, rendering.camera.size_px)
+    return RenderedSet(rendering, backgrounds, SEED, images=1, images_per_shard=1)
 
 
-def _backgrounds(values: dict[str, Any], size_px: int) -> dict[Path, str]:
+def _backgrounds(settings: BackgroundSettings, size_px: int) -> dict[Path, str]:
     """Backgrounds, file -> id of its source; regenerated each time with the same bytes."""
-    settings = parse(BackgroundSettings, values["backgrounds"], "params.yaml: backgrounds")
-    ranges = VariationRanges(settings.hue_deg, settings.saturation, settings.brightness)
-    sources, out = procedural_sources(_SOURCES, SEED, size_px, MUCOSA), SCRATCH / "backgrounds"
-    write_library(sources, out, _VARIATIONS, ranges, SEED, size_px, _SOURCES)
-    return {background.path: background.source for background in read_library(out)}
+    out = SCRATCH / "backgrounds"
+    write_backgrounds(replace(settings, source=None), _SOURCES, _VARIATIONS, size_px, SEED, out)
+    return by_path(read_library(out))
 
 
 def in_processes(

@@ -10,13 +10,11 @@ from typing import Any
 
 from distributed import Client
 
-from benchmarks.rendering.common import SCRATCH, parameters
+from benchmarks.rendering.common import SCRATCH, default_settings
 from shaftpose.core.shards import shard_paths
 from shaftpose.farm.cluster import connect
 from shaftpose.farm.scale_out import render_set
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import ClusterSettings
 
 WORKERS = 2
 
@@ -74,8 +72,7 @@ def summary(share: int, together: Block, alone: Sequence[Block]) -> dict[str, An
 
 def _block(rendered: RenderedSet, folder: Path, workers: int) -> Block:
     """Render the missing shards of a set in `folder`, one per worker."""
-    local = {"workers": workers, "address": None, "slurm": None}
-    cluster = parse(ClusterSettings, parameters()["cluster"] | local, "params.yaml: cluster")
+    cluster = replace(default_settings().cluster, workers=workers, address=None, slurm=None)
     start = time()
     with connect(cluster) as client:
         connected = time()

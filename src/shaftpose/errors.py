@@ -1,4 +1,8 @@
-"""The exception type for all errors that the user can fix."""
+"""The exception type for all errors that the user can fix, and the end of a command by one."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -7,3 +11,12 @@ class InputError(ValueError):
     The message is one line that names the file or value and the remedy; the command line and the
     pipeline scripts print it without a traceback and exit with status 1.
     """
+
+
+@contextmanager
+def exit_on_input_error() -> Iterator[None]:
+    """End the command with one line and status 1 if an InputError is raised inside."""
+    try:
+        yield
+    except InputError as error:
+        sys.exit(f"error: {error}")

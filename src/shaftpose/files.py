@@ -1,7 +1,8 @@
-"""Atomic file writes, and full disks."""
+"""Atomic file writes, CSV files, and full disks."""
 
+import csv
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,6 +23,14 @@ def new_file(path: Path) -> Iterator[Path]:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_csv(path: Path, headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table atomically; create its folder if needed."""
+    with new_file(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(headings)
+        table.writerows(rows)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from benchmarks.render import table
 from benchmarks.rendering import profile
 from benchmarks.rendering.aims import AIMS
-from benchmarks.rendering.common import ROOT, parameters
+from benchmarks.rendering.common import ROOT, default_settings
 from benchmarks.rendering.memory import memory_mib
 from benchmarks.rendering.quality import psnr_db
 from benchmarks.rendering.scenes import read_first_scenes
@@ -22,8 +23,7 @@ from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
 from shaftpose.farm.jobs import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
-from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.rendering.set_plans import with_scene
 
 IMAGES = 4
 
@@ -90,10 +90,8 @@ def test_the_throughput_of_one_and_of_two_workers_by_hand() -> None:
 @pytest.fixture
 def rendered(tmp_path: Path) -> RenderedSet:
     """A set with many rejected draws: lumps of tissue must hide a given share."""
-    values = parameters()
-    parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
-    parts["scene"] = parts["scene"] | {"occluder_probability": 1, "occluder_coverage": [0.2, 0.5]}
-    settings = parse(RenderSettings, parts | {"samples": 1, "jpeg_quality": 95}, "params.yaml")
+    hiding = {"occluder_probability": 1.0, "occluder_coverage": (0.2, 0.5)}
+    settings = with_scene(replace(default_settings().rendering, samples=1), hiding)
     size = settings.camera.size_px
     background = tmp_path / "background.jpg"
     write_jpeg(np.full((size, size, 3), 90, dtype=np.uint8), background)

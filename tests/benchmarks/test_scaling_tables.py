@@ -14,13 +14,11 @@ from benchmarks.scaling_tables import (
     Measured,
     aims_table,
     cost_table,
-    filled,
+    page,
     profile_table,
     quality_table,
     rounded,
-    with_tables,
 )
-from shaftpose.errors import InputError
 from shaftpose.settings.parsing import from_json
 
 # 2 workers, 10 images/s: 0.2 core-seconds each.
@@ -121,26 +119,19 @@ def test_units(value: float, units: dict[str, int], text: str) -> None:
     assert rounded(value, units) == text
 
 
-def test_a_table_is_replaced_and_the_rest_stays() -> None:
-    page = "before\n<!-- a: begin -->\nold\n<!-- a: end -->\nafter\n"
-    assert filled(page, "a", "new") == page.replace("old", "new")
-    with pytest.raises(InputError, match="table"):
-        filled("before <!-- a: begin --> without an end", "a", "new")
-
-
 def test_main_fills_the_page(
     results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = tmp_path / "scaling.md"
-    page.write_text(PAGE.read_text())
-    monkeypatch.setattr(scaling_tables, "PAGE", page)
+    copy = tmp_path / "scaling.md"
+    copy.write_text(PAGE.read_text())
+    monkeypatch.setattr(scaling_tables, "PAGE", copy)
     scaling_tables.main()
-    assert "| 1 billion | 90 TB |" in page.read_text()
+    assert "| 1 billion | 90 TB |" in copy.read_text()
     results.unlink()
     with pytest.raises(SystemExit, match="make bench-render"):
         scaling_tables.main()
 
 
 def test_the_page_shows_what_was_measured() -> None:
-    page = PAGE.read_text()
-    assert with_tables(page, from_json(Measured, scaling_tables.RESULTS)) == page
+    text = PAGE.read_text()
+    assert page(text, from_json(Measured, scaling_tables.RESULTS)) == text

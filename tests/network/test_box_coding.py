@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from shaftpose.network.box_coding import decode_boxes, encode_boxes
-from shaftpose.network.default_boxes import to_corners
+from shaftpose.network.boxes import to_corners
 from tests.network.even_boxes import even_boxes
 
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from shaftpose.network.box_coding import encode_boxes
+from shaftpose.network.boxes import pairwise_iou, to_centre
 from shaftpose.network.decoding import decode
-from shaftpose.network.default_boxes import pairwise_iou, to_centre
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.nms import nms_mask
 from shaftpose.network.pose_coding import RegressionCoder

@@ -1,6 +1,6 @@
 import torch
 
-from shaftpose.network.default_boxes import to_centre
+from shaftpose.network.boxes import to_centre
 from shaftpose.network.matching import match_boxes
 from tests.network.even_boxes import even_boxes
 

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from shaftpose.network.default_boxes import to_corners
+from shaftpose.network.boxes import to_corners
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.single_shot import SingleShotNetwork
 

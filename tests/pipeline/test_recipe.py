@@ -28,6 +28,7 @@ def identity(recipe: Recipe) -> str:
     "changed",
     [
         {"seed": 8},
+        {"camera": {"view_deg": 80.0}},
         {"poses": {"x_mm": (-10.0, 10.0)}},
         {"loss": {"alpha": 0.25}},
         {"loss": {"beta": (1.0, 1.0, 1.0, 1.0, 1.0)}},
@@ -46,6 +47,12 @@ def test_what_determines_a_training_makes_another_one(
     inside: Path, recipe: Recipe, changed: dict[str, Any]
 ) -> None:
     assert identity(with_changes(recipe, changed)) != identity(recipe)
+
+
+def test_compared_trainings_have_one_camera_and_any_trainer(recipe: Recipe) -> None:
+    closer = with_changes(recipe, {"camera": {"view_deg": 80.0}})
+    assert closer.common()["camera"] == {"view_deg": 80.0} != recipe.common()["camera"]
+    assert with_changes(recipe, {"trainer": {"strategy": "ddp"}}).common() == recipe.common()
 
 
 @pytest.mark.parametrize(

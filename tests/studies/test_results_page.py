@@ -1,4 +1,4 @@
-"""The committed results page against the files that it is generated from."""
+"""The committed results page and README's table against the files that they are made from."""
 
 import re
 import shutil
@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from studies import write_results_page as results_page
+from studies.readme_table import with_table
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,6 +30,13 @@ def test_the_committed_page_is_what_its_files_say() -> None:
     if changed := changed_results():
         pytest.skip(f"the page is of other results than those here: {changed}")
     assert results_page.PAGE.read_text() == results_page.page(ROOT), "run `make results`"
+
+
+def test_the_committed_readme_has_the_numbers_of_the_recorded_run() -> None:
+    if changed := changed_results():
+        pytest.skip(f"its table is of other results than those here: {changed}")
+    text = results_page.README.read_text()
+    assert with_table(text, results_page.report_of(ROOT)) == text, "run `make results`"
 
 
 def test_all_pictures_of_the_page_are_there() -> None:

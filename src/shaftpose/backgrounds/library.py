@@ -4,7 +4,6 @@ A library is a folder of square JPEG files and an `index.csv` that lists the sou
 colour variation of each file.
 """
 
-import csv
 import logging
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from shaftpose.backgrounds.variations import (
 from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
 from shaftpose.core.images import Image, centre_square, read_rgb, write_jpeg
 from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.files import write_csv
 from shaftpose.settings.parts import BackgroundSettings
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
@@ -141,14 +140,7 @@ def write_library(
             name = f"{len(rows):06d}.jpg"
             write_jpeg(_varied(square, variation), out / name, JPEG_QUALITY)
             rows.append((name, source, *_as_row(variation)))
-    _write_index(out / INDEX_NAME, rows)
-
-
-def _write_index(path: Path, rows: list[tuple[str, ...]]) -> None:
-    with new_file(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
-        index = csv.writer(stream, lineterminator="\n")
-        index.writerow(INDEX_COLUMNS)
-        index.writerows(rows)
+    write_csv(out / INDEX_NAME, INDEX_COLUMNS, rows)
 
 
 def _variations(

@@ -8,6 +8,7 @@ import numpy as np
 
 from shaftpose.checks.image_facts import ImageFacts
 from shaftpose.core.geometry import Array
+from shaftpose.core.markdown import pipe_table
 from shaftpose.settings.parts import Range, RenderSettings
 
 # Counted items -> quantity -> axis label.
@@ -112,7 +113,7 @@ def to_markdown(
         "# Data card",
         "Stage `validate` has checked every image of these sets.",
         "Where the pictures at the end are missing, `dvc repro validate` draws them.",
-        _table(
+        pipe_table(
             ["set", "images", "shafts", "backgrounds", "sources", "drawn shafts", "kept of drawn"],
             [_set_row(name, found) for name, found in sets.items()],
         ),
@@ -125,7 +126,7 @@ def to_markdown(
         ]  # fmt: skip
         blocks += [
             f"## {name}",
-            _table(["quantity", "least", "median", "greatest", "drawn from"], rows),
+            pipe_table(["quantity", "least", "median", "greatest", "drawn from"], rows),
         ]
     blocks += [f"## {title}\n\n![{title}]({file})" for title, file in pictures.items()]
     return "\n\n".join(blocks) + "\n"
@@ -139,8 +140,3 @@ def _set_row(name: str, found: Statistics) -> list[str]:
 
 def _range(ends: Range | None) -> str:
     return f"{ends[0]:g} to {ends[1]:g}" if ends else ""
-
-
-def _table(headings: list[str], rows: list[list[str]]) -> str:
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -18,7 +18,7 @@ from shaftpose.core.images import Image, centre_square, read_rgb
 from shaftpose.dataset import run_lengths
 from shaftpose.dataset.run_lengths import RunLengths
 from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.json_files import write_json
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.parts import PositiveInt
 
@@ -316,5 +316,4 @@ def write_coco(
                     "attributes": {"occluded": sample.occluded},
                 }
             )
-    with new_file(path) as part:
-        part.write_text(json.dumps(content, indent=1) + "\n")
+    write_json(path, content)

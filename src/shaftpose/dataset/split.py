@@ -1,6 +1,5 @@
 """Training, validation and test split."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 
 from shaftpose.core.split_lists import PARTS
 from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.files import write_csv
 from shaftpose.settings.parts import SplitSettings
 
 
@@ -92,7 +91,4 @@ def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
 def write_split(split: Split, folder: Path) -> None:
     """Write one CSV file of keys for each part."""
     for part in PARTS:
-        with new_file(folder / f"{part}.csv") as file, file.open("w", newline="") as stream:
-            rows = csv.writer(stream, lineterminator="\n")
-            rows.writerow(["key"])
-            rows.writerows([key] for key in getattr(split, part))
+        write_csv(folder / f"{part}.csv", ["key"], [[key] for key in getattr(split, part)])

@@ -7,9 +7,9 @@ and right of the lens, are mirrored and turned as well.
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.angles import unsigned_deg
+from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
-
-Image = NDArray[np.uint8]
 
 
 def random_symmetry(
@@ -57,5 +57,5 @@ def _changed(
         return None
     poses = poses.copy()
     poses[:, :2] *= signs
-    poses[:, 4] = (yaw_deg - poses[:, 4]) % 360.0
+    poses[:, 4] = unsigned_deg(yaw_deg - poses[:, 4])
     return poses

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.images import Image
 from shaftpose.settings.parts import Range
-
-Image = NDArray[np.uint8]
 
 # NTSC luma and chroma: in the chroma plane, hue is an angle and saturation a length.
 _RGB_TO_YIQ = np.array(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Detections
+from shaftpose.core.padding import unpadded
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.network.detector import ShaftDetector
 
@@ -66,9 +67,7 @@ def check_parity(
     boxes, scores, poses = (values.double().numpy() for values in outputs[:3])
     least_score = least_score if np.any(scores >= least_score) else 0.0
     detections, differences, singles = 0, [(0.0, 0.0, 0.0)], Counter[str]()
-    for n, found in enumerate(predictor(images)):
-        there = scores[n] > 0  # the rest is padding
-        known = Detections(boxes[n, there], scores[n, there], poses[n, there])
+    for known, found in zip(unpadded(boxes, scores, poses), predictor(images), strict=True):
         detections += int(np.sum(known.scores >= least_score))
         pairs = _pairs(known, found)
         differences += [

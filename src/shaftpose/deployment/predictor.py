@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
+from shaftpose.core.padding import unpadded
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.refinement.contour import Shaft
 from shaftpose.deployment.refinement.refiner import Refinement, Refiner
@@ -70,10 +71,7 @@ class Predictor:
     def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""
         boxes, scores, poses, *masks = self._session.run(None, {"image": images})
-        found = [
-            Detections(b[s > 0].astype(float), s[s > 0].astype(float), p[s > 0].astype(float))
-            for b, s, p in zip(boxes, scores, poses, strict=True)
-        ]
+        found = unpadded(boxes, scores, poses)
         if self.refiner is None:
             return found
         return [self.refiner(*each) for each in zip(images, *masks, found, strict=True)]

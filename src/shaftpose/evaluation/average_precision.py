@@ -20,18 +20,18 @@ class PrecisionRecall:
 
 
 def precision_recall(
-    detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float = 0.5
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
 ) -> PrecisionRecall:
     """The precision-recall curve over a set of images.
 
     By descending score, a detection is a true positive if its IoU with the instrument that it
-    overlaps most reaches `iou_threshold` and that instrument was not detected before. A second
+    overlaps most reaches `IOU_THRESHOLD` and that instrument was not detected before. A second
     detection of an instrument is a false positive, never matched to the next best one (as in VOC's
     development kit). Recall is 0 if the set has no instrument.
     """
     scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
     order = np.argsort(-scores, kind="stable")
-    right = _first_finds(_hit_instruments(detections, annotations, iou_threshold)[order])
+    right = _first_finds(_hit_instruments(detections, annotations)[order])
     instruments = sum(len(known.boxes) for known in annotations)
     true_positives = np.cumsum(right)
     return PrecisionRecall(
@@ -49,12 +49,12 @@ def average_precision(curve: PrecisionRecall) -> float:
 
 
 def _hit_instruments(
-    detections: Sequence[Detections], annotations: Sequence[Annotations], iou_threshold: float
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
 ) -> Indices:
     """(K,) the instrument that each detection hits, numbered across all images; -1 for none."""
     hits, offset = [np.empty(0, dtype=np.intp)], 0
     for found, known in zip(detections, annotations, strict=True):
-        best = best_instruments(found.boxes, known.boxes, iou_threshold)
+        best = best_instruments(found.boxes, known.boxes)
         hits.append(np.where(best >= 0, best + offset, -1))
         offset += len(known.boxes)
     return np.concatenate(hits)

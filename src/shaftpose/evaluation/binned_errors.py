@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.angles import signed_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.evaluation.boxes import Array
 from shaftpose.evaluation.pose_errors import PoseErrors
@@ -46,7 +47,7 @@ def binned_errors(
     values = {
         "z_mm": true["z_mm"],
         "pitch_deg": true["pitch_deg"],
-        "yaw_from_seam_deg": (true["yaw_deg"] - ranges.yaw_deg[0] + 180.0) % 360.0 - 180.0,
+        "yaw_from_seam_deg": signed_deg(true["yaw_deg"] - ranges.yaw_deg[0]),
         "visible_fraction": visible_fractions[errors.instruments],
     }
     return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}

@@ -8,14 +8,16 @@ from shaftpose.core.geometry import box_iou
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+IOU_THRESHOLD = 0.5  # least overlap of a detection with its instrument
 
-def best_instruments(boxes: Array, instruments: Array, iou_threshold: float) -> Indices:
+
+def best_instruments(boxes: Array, instruments: Array) -> Indices:
     """(K,) index of the instrument (G, 4) that each box (K, 4) overlaps most; -1 where the IoU is
-    below `iou_threshold`."""
+    below `IOU_THRESHOLD`."""
     if not len(instruments):
         return np.full(len(boxes), -1, dtype=np.intp)
     overlap = box_iou(boxes, instruments)
-    return np.where(overlap.max(axis=1) >= iou_threshold, overlap.argmax(axis=1), -1)
+    return np.where(overlap.max(axis=1) >= IOU_THRESHOLD, overlap.argmax(axis=1), -1)
 
 
 def first_hits(instruments: Indices) -> Indices:

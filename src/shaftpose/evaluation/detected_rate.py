@@ -7,12 +7,9 @@ from shaftpose.evaluation.boxes import best_instruments, first_hits
 
 
 def detected_rate(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    confidence: float = 0.5,
-    iou_threshold: float = 0.5,
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> float | None:
-    """Share of instruments with a detection of at least this score and IoU.
+    """Share of instruments with a detection of at least this score and an IoU of `IOU_THRESHOLD`.
 
     A detection matches only the instrument that it overlaps most, as for pose errors: one box
     cannot detect two crossing shafts. A second detection of an instrument is not an error. None if
@@ -21,12 +18,8 @@ def detected_rate(
     instruments = sum(len(known.boxes) for known in annotations)
     if not instruments:
         return None
-    found = sum(
-        _found(guesses.above(confidence), known, iou_threshold)
-        for guesses, known in zip(detections, annotations, strict=True)
-    )
-    return found / instruments
-
-
-def _found(detections: Detections, annotations: Annotations, iou_threshold: float) -> int:
-    return len(first_hits(best_instruments(detections.boxes, annotations.boxes, iou_threshold)))
+    hits = [
+        first_hits(best_instruments(found.above(confidence).boxes, known.boxes))
+        for found, known in zip(detections, annotations, strict=True)
+    ]
+    return sum(map(len, hits)) / instruments

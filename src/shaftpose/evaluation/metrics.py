@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from shaftpose.core.angles import unsigned_deg
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.errors import InputError
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
@@ -42,17 +43,14 @@ class Metrics:
 
 
 def evaluate(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    confidence: float = 0.5,
-    iou_threshold: float = 0.5,
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> Metrics:
     """Metrics of `detections[i]` against `annotations[i]`.
 
     The mAP uses all detections; detected rate and pose errors use scores of at least `confidence`.
     """
-    errors = pose_errors(detections, annotations, confidence, iou_threshold)
-    return _metrics(detections, annotations, errors, confidence, iou_threshold)
+    errors = pose_errors(detections, annotations, confidence)
+    return _metrics(detections, annotations, errors, confidence)
 
 
 def constant_predictor(train: Sequence[Annotations], test: Sequence[Annotations]) -> Metrics:
@@ -75,13 +73,12 @@ def _metrics(
     annotations: Sequence[Annotations],
     errors: PoseErrors,
     confidence: float = 0.5,
-    iou_threshold: float = 0.5,
 ) -> Metrics:
-    curve = precision_recall(detections, annotations, iou_threshold)
+    curve = precision_recall(detections, annotations)
     instruments = sum(len(known.boxes) for known in annotations)
     return Metrics(
         mAP=average_precision(curve) if instruments else None,
-        detected_rate=detected_rate(detections, annotations, confidence, iou_threshold),
+        detected_rate=detected_rate(detections, annotations, confidence),
         **errors.means(),
         images=len(annotations),
         instruments=instruments,
@@ -103,7 +100,7 @@ def _mean_pose(annotations: Sequence[Annotations]) -> Array:
         raise InputError("no training image has poses: the constant predictor needs rendered ones")
     mean = poses.mean(axis=0)
     yaw = np.radians(poses[:, YAW])
-    mean[YAW] = np.degrees(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())) % 360.0
+    mean[YAW] = unsigned_deg(np.degrees(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())))
     return mean
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shaftpose.core.angles import signed_deg
 from shaftpose.core.geometry import axis_direction
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
 from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
@@ -44,15 +45,12 @@ class PoseErrors:
 
 
 def pose_errors(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    confidence: float = 0.5,
-    iou_threshold: float = 0.5,
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> PoseErrors:
     """Errors of every instrument that a detection with a score of at least `confidence` hits.
 
     A detection is matched to the instrument that it overlaps most, if their IoU is at least
-    `iou_threshold`. Of several detections of an instrument, the best score counts. Images without
+    `IOU_THRESHOLD`. Of several detections of an instrument, the best score counts. Images without
     known poses are skipped.
     """
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
@@ -61,7 +59,7 @@ def pose_errors(
         if known.poses is not None:
             found = found.above(confidence)
             order = np.argsort(-found.scores, kind="stable")
-            hit = best_instruments(found.boxes[order], known.boxes, iou_threshold)
+            hit = best_instruments(found.boxes[order], known.boxes)
             first = first_hits(hit)
             predicted.append(found.poses[order][first])
             true.append(known.poses[hit[first]])
@@ -74,7 +72,7 @@ def pose_errors(
 def errors_between(predicted: Array, true: Array) -> PoseErrors:
     """Errors of predicted poses (M, 5) paired with true poses (M, 5), numbered in their order."""
     differences = predicted - true
-    differences[:, YAW] = (differences[:, YAW] + 180.0) % 360.0 - 180.0
+    differences[:, YAW] = signed_deg(differences[:, YAW])
     axes = axis_direction(predicted[:, 3], predicted[:, 4]), axis_direction(true[:, 3], true[:, 4])
     return PoseErrors(
         differences=differences,

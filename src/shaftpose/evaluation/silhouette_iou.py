@@ -47,7 +47,6 @@ def silhouette_score(
     true_masks: Sequence[Sequence[Mask]],
     predicted_masks: Sequence[Sequence[Mask]],
     confidence: float = 0.5,
-    iou_threshold: float = 0.5,
 ) -> SilhouetteScore:
     """Detected rate and mean IoU of a set of images.
 
@@ -57,7 +56,7 @@ def silhouette_score(
     overlaps = [silhouette_iou(true, predicted) for true, predicted in pairs]
     defined = [overlap for overlap in overlaps if overlap is not None]
     return SilhouetteScore(
-        detected_rate=detected_rate(detections, annotations, confidence, iou_threshold),
+        detected_rate=detected_rate(detections, annotations, confidence),
         iou=float(np.mean(defined)) if defined else None,
         images=len(annotations),
         instruments=sum(len(known.boxes) for known in annotations),

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from shaftpose.network.default_boxes import to_centre, to_corners
+from shaftpose.network.boxes import to_centre, to_corners
 
 CENTRE_VARIANCE = 0.1
 SIZE_VARIANCE = 0.2

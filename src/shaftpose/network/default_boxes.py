@@ -1,12 +1,11 @@
-"""SSD300's default boxes (Liu et al., 2016) on the six maps, and box operations.
-
-Boxes are in units of the image's side, as `cx, cy, w, h` or as `x0, y0, x1, y1`.
-"""
+"""SSD300's default boxes (Liu et al., 2016) on the six maps, in units of the image's side."""
 
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
+
+from shaftpose.network.boxes import to_centre, to_corners
 
 # For an image side of 300. A map's square boxes have its own scale, and the geometric mean of its
 # own and the next one.
@@ -52,29 +51,3 @@ def _map_boxes(centres: Tensor, shapes: Tensor) -> Tensor:
     return torch.cat(
         [centres.expand(cells, count, 2), shapes.expand(cells, count, 2)], dim=-1
     ).reshape(-1, 4)
-
-
-def to_corners(boxes: Tensor) -> Tensor:
-    """(..., 4) `cx, cy, w, h` -> (..., 4) `x0, y0, x1, y1`."""
-    centre, size = boxes[..., :2], boxes[..., 2:]
-    return torch.cat([centre - size / 2, centre + size / 2], dim=-1)
-
-
-def to_centre(boxes: Tensor) -> Tensor:
-    """(..., 4) `x0, y0, x1, y1` -> (..., 4) `cx, cy, w, h`."""
-    low, high = boxes[..., :2], boxes[..., 2:]
-    return torch.cat([(low + high) / 2, high - low], dim=-1)
-
-
-def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
-    """(..., N, 4) and (..., M, 4) `x0, y0, x1, y1` -> (..., N, M); 0 where both are empty."""
-    a, b = first[..., :, None, :], second[..., None, :, :]
-    low = torch.maximum(a[..., :2], b[..., :2])
-    high = torch.minimum(a[..., 2:], b[..., 2:])
-    shared = (high - low).clamp(min=0).prod(dim=-1)
-    union = _area(a) + _area(b) - shared
-    return shared / union.clamp(min=torch.finfo(union.dtype).tiny)
-
-
-def _area(boxes: Tensor) -> Tensor:
-    return (boxes[..., 2:] - boxes[..., :2]).prod(dim=-1)

@@ -1,6 +1,5 @@
 """The instrument's mesh and metadata in the form that BOP's tools expect."""
 
-import json
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.shards import SHAFT_OBJECT_ID
 from shaftpose.files import new_file
+from shaftpose.json_files import write_json
 from shaftpose.rendering.shapes import Shape
 
 
@@ -32,8 +32,7 @@ def write_models(folder: Path, shape: Shape) -> None:
         info[str(SHAFT_OBJECT_ID)]["symmetries_continuous"] = [
             {"axis": [0, 0, 1], "offset": [0, 0, 0]}
         ]
-    with new_file(folder / "models_info.json") as path:
-        path.write_text(json.dumps(info, indent=1) + "\n")
+    write_json(folder / "models_info.json", info)
     ply = "\n".join(_ply_lines(vertices_mm, _triangles(shape.mesh.faces)))
     with new_file(folder / f"obj_{SHAFT_OBJECT_ID:06d}.ply") as path:
         path.write_text(f"{ply}\n")

@@ -5,7 +5,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from shaftpose.core.background_index import Background, hold_out
+from shaftpose.core.background_index import Background, hold_out, read_library
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.settings.parts import RenderSettings, Size
 
@@ -26,6 +26,16 @@ SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 def with_scene(settings: RenderSettings, changed: dict[str, Any]) -> RenderSettings:
     """The settings with the `changed` scene settings."""
     return replace(settings, scene=replace(settings.scene, **changed))
+
+
+def planned_sets(
+    settings: RenderSettings, size: Size, held_out: float, seed: int
+) -> dict[str, RenderedSet]:
+    """`rendered_sets` on the backgrounds in data/backgrounds.
+
+    Raises InputError if the library is incomplete or has too few sources.
+    """
+    return rendered_sets(settings, size, read_library(Path("data/backgrounds")), held_out, seed)
 
 
 def rendered_sets(

@@ -77,6 +77,11 @@ class AblationReport:
                 "readers know whether real images were measured"
             )
 
+    def title(self, variant: str) -> str:
+        """The title of a variant, by which readers know it."""
+        own = {row.variant: row.title for row in self.rows}
+        return variant_title(variant, self.domain_label, own.get(variant, ""))
+
 
 def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
     """The table row of one variant, from the plain values that its evaluation wrote."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
+from shaftpose.core.markdown import escape, pipe_table
 from shaftpose.errors import InputError
 from shaftpose.report import paper_tables, report_tables
 from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow, variant_title
@@ -33,7 +34,7 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
     return [
-        f"Champion: **{_escape(report_tables.champion_title(report))}**: {report.champion.rule}.",
+        f"Champion: **{escape(report.title(report.champion.variant))}**: {report.champion.rule}.",
         f"{level} Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
@@ -43,7 +44,7 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
         f"{level} How each variant was trained",
-        pipe_table(list(report_tables.SETUP_COLUMNS), report_tables.setup_rows(report)),
+        pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
     ]
 
 
@@ -86,7 +87,7 @@ def to_html(report: AblationReport) -> str:
     )
     return environment.from_string(template).render(
         report=report,
-        champion=report_tables.champion_title(report),
+        champion=report.title(report.champion.variant),
         headlines=_headlines(report),
         columns_i=report_tables.TABLE_I_COLUMNS,
         columns_ii=report_tables.TABLE_II_COLUMNS,
@@ -111,16 +112,6 @@ def _pair_cells(row: ComparedRow) -> list[str]:
 
 def _domains(row: ComparedRow) -> str:
     return row.domain if row.paper is None else f"{row.paper_domain} / {row.domain}"
-
-
-def pipe_table(headings: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table."""
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join("| " + " | ".join(_escape(cell) for cell in line) + " |" for line in lines)
-
-
-def _escape(cell: str) -> str:
-    return cell.replace("|", "\\|")
 
 
 def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:

@@ -87,13 +87,6 @@ def show(value: float | int | None, decimals: int) -> str:
     return f"{value:,.{decimals}f}"
 
 
-def champion_title(report: AblationReport) -> str:
-    """The champion's title."""
-    own = {row.variant: row.title for row in report.rows}
-    name = report.champion.variant
-    return variant_title(name, report.domain_label, own.get(name, ""))
-
-
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant next to the paper's row, then the constant predictor."""
     champion = report.champion.variant
@@ -112,7 +105,7 @@ def beside_paper(
     return [
         ComparedRow(
             title=variant_title(row.variant, domain_label, row.title),
-            paper=_paper_cells(row.variant, columns),
+            paper=paper_cells(row.variant, columns),
             ours=cells(_measured(row), columns, row.spread),
             champion=row.variant == champion,
         )
@@ -122,12 +115,11 @@ def beside_paper(
 
 def table_ii(report: AblationReport) -> list[ComparedRow]:
     """Rendered images, then real or stand-in images; one row for each measured variant."""
-    own_titles = {row.variant: row.title for row in report.rows}
     # Our domain, its key in TABLE_II, and the paper's name for it.
     domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
     return [
         ComparedRow(
-            title=variant_title(variant, report.domain_label, own_titles.get(variant, "")),
+            title=report.title(variant),
             paper=_paper_silhouette_cells(variant, paper_domain),
             ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
             domain=domain,
@@ -238,7 +230,8 @@ def cells(
     ]
 
 
-def _paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
+def paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
+    """The formatted values of the paper's row; None if it has no such row."""
     if variant not in paper_tables.TABLE_I:
         return None
     values = asdict(paper_tables.TABLE_I[variant])

@@ -1,13 +1,12 @@
 """Learning curves: logged values, kept in memory and written as one table."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lightning.pytorch.loggers.logger import Logger
 
-from shaftpose.files import new_file
+from shaftpose.files import write_csv
 
 
 class Curves(Logger):
@@ -41,7 +40,4 @@ class Curves(Logger):
 
     def write(self, path: Path) -> None:
         """Write all rows as CSV."""
-        with new_file(path) as part, part.open("w", newline="") as stream:
-            table = csv.writer(stream, lineterminator="\n")
-            table.writerow(["step", "name", "value"])
-            table.writerows(self.rows)
+        write_csv(path, ["step", "name", "value"], self.rows)

@@ -60,9 +60,12 @@ class Recipe:
         return NetworkSettings(self.variant, self.size, self.camera, self.poses, self.loss)
 
     def common(self) -> dict[str, Any]:
-        """The settings in which compared trainings must agree; variant and seed may differ."""
+        """The settings in which compared trainings must agree; variant and seed may differ.
+
+        So may the trainer: on all of conf/trainer a step has the same images and batch statistics.
+        """
         training = {k: v for k, v in as_plain(self.training).items() if k not in _FREE}
-        parts = {"size": self.size, "loss": self.loss, "poses": self.poses}
+        parts = {"size": self.size, "camera": self.camera, "poses": self.poses, "loss": self.loss}
         return {name: as_plain(part) for name, part in parts.items()} | {"training": training}
 
     def of_variant(self) -> dict[str, Any]:
@@ -76,10 +79,8 @@ class Recipe:
     def everything(self) -> dict[str, Any]:
         """All settings that determine a training."""
         variant = {"name": self.variant.name, **self.of_variant()}
-        return self.common() | {
-            "variant": variant, "seed": self.seed, "camera": asdict(self.camera),
-            "trainer": asdict(self.trainer),
-        }  # fmt: skip
+        trainer = asdict(self.trainer)
+        return self.common() | {"variant": variant, "seed": self.seed, "trainer": trainer}
 
 
 def training_recipe(settings: Settings) -> Recipe:

@@ -3,10 +3,10 @@
 from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
-from torch import Tensor
 
 from shaftpose.core.batches import Batch, Targets
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
+from shaftpose.core.padding import unpadded
 from shaftpose.evaluation.average_precision import precision_recall
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.operating_point import best_confidence
@@ -47,7 +47,7 @@ class ValidationMetrics(Callback):
         dataloader_idx: int = 0,
     ) -> None:
         """Keep the detections and annotations of a batch."""
-        self._found += detections(**outputs)
+        self._found += unpadded(**{name: t.double().cpu().numpy() for name, t in outputs.items()})
         self._known += annotations(batch.targets)
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -61,12 +61,6 @@ class ValidationMetrics(Callback):
             sync_dist=True,
             rank_zero_only=True,
         )
-
-
-def detections(boxes: Tensor, scores: Tensor, poses: Tensor) -> list[Detections]:
-    """Decoded outputs of a batch (B, K, 4), (B, K), (B, K, 5), image by image without padding."""
-    arrays = (values.double().cpu().numpy() for values in (boxes, scores, poses))
-    return [Detections(b[s > 0], s[s > 0], p[s > 0]) for b, s, p in zip(*arrays, strict=True)]
 
 
 def annotations(targets: Targets) -> list[Annotations]:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from shaftpose.core.angles import signed_deg, unsigned_deg
 from shaftpose.core.geometry import Camera
 from shaftpose.deployment.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import Offsets
@@ -72,7 +73,7 @@ def fit_pose(
         weighted = motion.T * (weights * contour.lengths / EDGE_PX**2)
         information = weighted @ motion + precision
         away = _parameters(start, camera) - _parameters(pose, camera)
-        away[4] = (away[4] + 180.0) % 360.0 - 180.0
+        away[4] = signed_deg(away[4])
         step = np.linalg.solve(information, weighted @ offsets.px + precision @ away)
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
         contrast = float(offsets.contrast.mean())
@@ -104,4 +105,4 @@ def _moved(pose: Array, step: Array, camera: Camera) -> Array:
     u, v, log_depth, pitch, yaw = _parameters(pose, camera) + step
     depth = np.exp(log_depth)
     x, y = (np.array([u, v]) - [camera.cx, camera.cy]) / camera.focal_px * depth
-    return np.array([x, y, depth, pitch, yaw % 360.0 % 360.0])
+    return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

@@ -1,0 +1,32 @@
+"""The README's table: the paper's best variant next to those of the recorded run."""
+
+from shaftpose.core.markdown import pipe_table
+from shaftpose.report.ablation import AblationReport
+from shaftpose.report.paper_tables import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
+from shaftpose.report.report_tables import TABLE_I_METRICS, beside_paper, paper_cells
+from studies.page_tables import with_tables
+
+PAPER, OWN = "d_noise", "e_fitted"  # the paper's best variant, and ours that it lacks
+COLUMNS = tuple(c for c in TABLE_I_METRICS if c.name in ("mAP", "detected_rate", "z_mm", "yaw_deg"))
+
+
+def with_table(text: str, report: AblationReport) -> str:
+    """The README with its table up to date. Raises InputError if it lacks the markers."""
+    return with_tables(text, {"results": table(report)}, "make results", "README.md")
+
+
+def table(report: AblationReport) -> str:
+    """The paper's best variant, ours with the best mAP of those in the paper, and `OWN` if it was
+    run; then the numbers of images."""
+    in_paper = [row for row in report.rows if row.variant in TABLE_I]
+    best = sorted(in_paper, key=lambda row: row.metrics["mAP"] or 0.0)[-1:]
+    ours = [*best, *(row for row in report.rows if row.variant == OWN)]
+    rows = [[f"{TABLE_I[PAPER].title}, paper", *(paper_cells(PAPER, COLUMNS) or [])]]
+    for row in beside_paper(ours, report.domain_label, COLUMNS):
+        rows.append([f"{row.title}, ours", *row.ours])
+    headings = ["Variant", *(column.heading for column in COLUMNS)]
+    images = f"{report.rows[0].training_images:,} and {report.rows[0].test_images:,}"
+    return (
+        f"{pipe_table(headings, rows)}\n\nz and yaw are mean errors. Training and test images: "
+        f"{images}; in the paper {TRAINING_IMAGES:,} and {TEST_IMAGES:,}."
+    )
