@@ -1,24 +1,30 @@
-"""Write the tables of docs/learning.md: short trainings, from the files of reports/learning."""
+"""Write the tables of what was tried, in docs, from the files of reports/learning."""
 
 import csv
+from functools import partial
 from pathlib import Path
 
 from shaftpose.core.markdown import pipe_table
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
-PAGE, RECORDS = ROOT / "docs/learning.md", ROOT / "reports/learning"
+RECORDS = ROOT / "reports/learning"
+PAGES = {
+    "docs/learning.md": ("first_round", "second_round", "dense"),
+    "docs/beyond.md": ("fit",),
+}
 
 
 def main() -> None:
-    """Write the tables between the markers of the page."""
-    rewrite(PAGE, page)
+    """Write the tables between the markers of the pages."""
+    for name in PAGES:
+        rewrite(ROOT / name, partial(page, name=name))
 
 
-def page(text: str) -> str:
-    """The page with one table for each file, named after it."""
-    tables = {path.stem: table(path) for path in sorted(RECORDS.glob("*.csv"))}
-    return with_tables(text, tables, "make learning", "docs/learning.md")
+def page(text: str, name: str) -> str:
+    """A page with one table for each of its files, named after it."""
+    tables = {stem: table(RECORDS / f"{stem}.csv") for stem in PAGES[name]}
+    return with_tables(text, tables, "make learning", name)
 
 
 def table(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""docs/learning.md shows the recorded trials."""
+"""The documentation shows the recorded trials."""
 
 from pathlib import Path
 
@@ -9,11 +9,16 @@ from studies import learning_tables
 
 ROOT = Path(__file__).parents[2]
 
-PAGE = (ROOT / "docs/learning.md").read_text()
+
+@pytest.mark.parametrize("name", learning_tables.PAGES)
+def test_tables_are_those_of_the_records(name: str) -> None:
+    page = (ROOT / name).read_text()
+    assert learning_tables.page(page, name) == page, "run `make learning`"
 
 
-def test_tables_are_those_of_the_records() -> None:
-    assert learning_tables.page(PAGE) == PAGE, "run `make learning`"
+def test_every_record_is_on_a_page() -> None:
+    shown = {table for tables in learning_tables.PAGES.values() for table in tables}
+    assert shown == {path.stem for path in learning_tables.RECORDS.glob("*.csv")}
 
 
 def test_a_record_becomes_a_row_for_each_line(tmp_path: Path) -> None:
@@ -23,5 +28,5 @@ def test_a_record_becomes_a_row_for_each_line(tmp_path: Path) -> None:
 
 
 def test_a_page_without_a_records_markers_is_refused() -> None:
-    with pytest.raises(InputError, match=r"docs/learning.md: lacks the markers '<!-- dense"):
-        learning_tables.page("# Page\n")
+    with pytest.raises(InputError, match=r"docs/beyond.md: lacks the markers '<!-- fit"):
+        learning_tables.page("# Page\n", "docs/beyond.md")

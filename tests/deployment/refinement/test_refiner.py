@@ -8,7 +8,7 @@ from shaftpose.deployment.refinement.refiner import Refinement, Refiner
 from tests.deployment.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 OFF = np.array([0.5, -0.4, 1.5, 5.0, -4.0])
-NEAR = np.array([0.05, 0.05, 0.2, 0.8, 0.3])
+NEAR = np.array([0.05, 0.05, 0.3, 0.8, 0.3])
 
 
 def detections(*poses: NDArray[np.float64]) -> Detections:

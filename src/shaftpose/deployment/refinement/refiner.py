@@ -19,7 +19,7 @@ Refinement = Literal["none", "mask", "edges"]
 _MASK_STAGES = tuple(
     Stage(*px) for px in ((12, 40), (10, 40), (10, 60), (9, 90), (8, 130), (7, 190), (6, 280))
 ) + tuple(Stage(reach_px) for reach_px in (5, 4, 3, 2, 1.5, 1.5))
-_EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (1.2, 1.2, 1.2, 1.0, 0.8, 0.8))
+_EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (0.8, 0.8, 0.8, 0.8, 0.8, 0.6))
 # Standard deviations of the parameters of a network's poses, and of poses fitted to a mask: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
