@@ -28,7 +28,7 @@ def test_a_stage_ends_at_its_distance_from_the_tip() -> None:
     def misleading_far_off(contour: Contour, reach_px: float) -> Offsets:
         far = np.linalg.norm(contour.points - tip, axis=1) > 60
         ones = np.ones(len(far))
-        return Offsets(10.0 * far * contour.normals[:, 0], ones, ones)
+        return Offsets(10.0 * far * contour.normals[:, 0], ones)
 
     near, whole = (
         fit_pose(pose, SHAFT, CAMERA, misleading_far_off, [stage], LOOSE).pose
@@ -58,18 +58,17 @@ def test_yaw_crosses_zero() -> None:
 def test_covariance_is_that_of_repeated_fits() -> None:
     true, rng = POSES[0], np.random.default_rng(5)
 
-    def noisy(contour: Contour, reach_px: float) -> Offsets:
-        exact = contour.motion @ (true - current)  # linear: the fit ends after one step
-        ones = np.ones(len(exact))
-        return Offsets(exact + rng.normal(0, EDGE_PX / np.sqrt(contour.lengths)), ones, ones)
+    def noise(contour: Contour, reach_px: float) -> Offsets:
+        ones = np.ones(len(contour.points))
+        return Offsets(rng.normal(0, EDGE_PX / np.sqrt(contour.lengths)), ones)
 
     scaled = []
     for _ in range(300):
-        current = true
-        fit = fit_pose(true, SHAFT, CAMERA, noisy, [Stage(1.0)], LOOSE)
+        fit = fit_pose(true, SHAFT, CAMERA, noise, [Stage(1.0)], LOOSE)
         scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance)))
-    assert np.allclose(np.std(scaled, axis=0), 1, atol=0.12)
-    assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.2)
+    # Real edges err twice as much as this noise: the covariance allows for it.
+    assert np.allclose(np.std(scaled, axis=0), 0.5, atol=0.06)
+    assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.1)
 
 
 def test_what_edges_leave_open_stays_at_the_start() -> None:

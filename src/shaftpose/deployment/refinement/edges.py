@@ -13,12 +13,11 @@ _GRADIENT_NOISE = 15.0  # grey levels per px; weaker edges count less
 
 
 class Offsets(NamedTuple):
-    """px: (N,) distance of the edge from the contour, positive outwards; weights: (N,) in [0, 1];
-    contrast: (N,) how clear each edge is, in [0, 1]."""
+    """px: (N,) distance of the edge from the contour, positive outwards; weights: (N,) in [0, 1],
+    how clear and near each edge is."""
 
     px: Array
     weights: Array
-    contrast: Array
 
 
 def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
@@ -31,7 +30,7 @@ def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -
     offsets = profiles.mean(axis=1) * 2 * reach_px - reach_px
     contrast = np.clip(profiles[:, 0] - profiles[:, -1], 0.0, 1.0) * inside.astype(float)
     robust = 1 / (1 + (offsets / (0.3 * reach_px)) ** 2)
-    return Offsets(offsets, contrast**2 * robust, contrast)
+    return Offsets(offsets, contrast**2 * robust)
 
 
 def image_gradients(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -58,7 +57,7 @@ def image_offsets(gradients: NDArray[np.float32], contour: Contour, reach_px: fl
     )
     contrast = peak / (peak + _GRADIENT_NOISE) * by_x[1]
     robust = 1 / (1 + (offsets / (0.7 * reach_px + 0.15)) ** 2)
-    return Offsets(offsets, contrast * robust, contrast)
+    return Offsets(offsets, contrast * robust)
 
 
 def _profiles(

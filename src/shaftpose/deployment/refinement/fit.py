@@ -16,7 +16,9 @@ _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
 # Standard deviation of the offset of an edge 1 px long; of one n px long, it is this by root n.
 # Neighbours share their errors, so it is larger than that of a single sample.
 EDGE_PX = 1.0
-_LEAST_SAMPLES = 8
+# Errors on predicted masks are this times those that the covariance states (docs/beyond.md).
+_UNDERSTATED = 2.0
+_LEAST_SAMPLES, _LEAST_WEIGHT = 8, 0.01
 
 Search = Callable[[Contour, float], Offsets]
 
@@ -32,13 +34,20 @@ class Stage(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted pose (5,) mm, deg; its covariance (5, 5); the mean contrast along its contour; why
-    it is the start, "" if it is not."""
+    """A fitted pose (5,) mm, deg; its covariance (5, 5); why it is the start, "" if it is not."""
 
     pose: Array
     covariance: Array
-    contrast: float
     kept: str = ""
+
+
+class _Edges(NamedTuple):
+    """Edges along a contour: their offsets (N,) px and information (N,), and how far the contour
+    moves across itself with each parameter (N, 5)."""
+
+    offsets: Array
+    information: Array
+    motion: Array
 
 
 def fit_pose(
@@ -55,37 +64,39 @@ def fit_pose(
     and how near; `prior` (5,), standard deviations of the start's parameters, holds what edges
     leave open.
     """
-    pose, precision, contrast = start, np.diag(prior**-2.0), 0.0
     if not np.isfinite(start).all() or start[2] <= 0:
-        return _kept(start, prior, camera, "no contour in view")
-    information, kept = precision, "no stages"
+        return Fit(start, np.full((5, 5), np.nan), "no contour in view")
+    pose, held, edges = start, np.diag(prior**-2.0), None
+    information = held
     for stage in stages:
-        contour = shaft_contour(pose, shaft, camera)
-        if len(contour.points) < _LEAST_SAMPLES:
-            return _kept(start, prior, camera, "no contour in view")
-        offsets = search(contour, stage.reach_px)
-        near = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1) < stage.length_px
-        weights = offsets.weights * near
-        kept = "too few edges" if np.sum(weights > 0.01) < _LEAST_SAMPLES else ""
-        if kept:  # perhaps behind an occluder: further from the tip there may be more
+        edges = _edges(pose, shaft, camera, search, stage)
+        if edges is None:  # perhaps behind an occluder: further from the tip there may be more
             continue
-        motion = contour.motion @ _spread(pose, camera)
-        weighted = motion.T * (weights * contour.lengths / EDGE_PX**2)
-        information = weighted @ motion + precision
+        weighted = edges.motion.T * edges.information
+        information = weighted @ edges.motion + held
         away = _parameters(start, camera) - _parameters(pose, camera)
         away[4] = signed_deg(away[4])
-        step = np.linalg.solve(information, weighted @ offsets.px + precision @ away)
+        step = np.linalg.solve(information, weighted @ edges.offsets + held @ away)
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
-        contrast = float(offsets.contrast.mean())
-    if kept:
-        return _kept(start, prior, camera, kept)
-    spread = _spread(pose, camera)
-    return Fit(pose, spread @ np.linalg.inv(information) @ spread.T, contrast)
+    if edges is None:
+        return Fit(start, _of_pose(np.diag(prior**2.0), start, camera), "too few edges")
+    return Fit(pose, _UNDERSTATED**2 * _of_pose(np.linalg.inv(information), pose, camera))
 
 
-def _kept(start: Array, prior: Array, camera: Camera, reason: str) -> Fit:
-    spread = _spread(start, camera)
-    return Fit(start, spread @ np.diag(prior**2.0) @ spread.T, 0.0, reason)
+def _edges(
+    pose: Array, shaft: Shaft, camera: Camera, search: Search, stage: Stage
+) -> _Edges | None:
+    """The edges near the contour of a pose; None if they are too few."""
+    contour = shaft_contour(pose, shaft, camera)
+    if len(contour.points) < _LEAST_SAMPLES:
+        return None
+    offsets = search(contour, stage.reach_px)
+    near = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1) < stage.length_px
+    weights = offsets.weights * near
+    if np.sum(weights > _LEAST_WEIGHT) < _LEAST_SAMPLES:
+        return None
+    motion = contour.motion @ _spread(pose, camera)
+    return _Edges(offsets.px, weights * contour.lengths / EDGE_PX**2, motion)
 
 
 def _parameters(pose: Array, camera: Camera) -> Array:
@@ -98,6 +109,12 @@ def _spread(pose: Array, camera: Camera) -> Array:
     spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
     spread[:3, 2] = pose[:3]
     return spread
+
+
+def _of_pose(covariance: Array, pose: Array, camera: Camera) -> Array:
+    """The covariance of a pose from that of its parameters."""
+    spread = _spread(pose, camera)
+    return spread @ covariance @ spread.T
 
 
 def _moved(pose: Array, step: Array, camera: Camera) -> Array:

@@ -24,7 +24,6 @@ _EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (0.8, 0.8, 0.8, 0.8, 0.8, 0
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
 _MASK_PRIOR = np.array([1.0, 1.0, 0.05, 4.0, 1.5])
-_JUDGED_PX = 3.0  # reach within which poses are compared
 
 
 class Refiner:
@@ -39,7 +38,7 @@ class Refiner:
         """Detections with fitted poses; their boxes are the extents of the contours in the image.
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view.
-        A detection keeps its pose and box if the fit fails or agrees less with the mask.
+        A detection keeps its pose and box if the fit finds too few edges.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         gradients = image_gradients(rgb) if self.edges else None
@@ -61,10 +60,3 @@ class Refiner:
         in_image = partial(image_offsets, gradients)
         polished = fit_pose(fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, _MASK_PRIOR)
         return fit if polished.kept else polished
-
-    def agreement(self, pose: Array, mask: NDArray[np.float32]) -> float:
-        """How well the contour of a pose lies on the mask's edges, in [0, 1]."""
-        contour = shaft_contour(pose, self.shaft, self.camera)
-        if not len(contour.points):
-            return 0.0
-        return float(mask_offsets(mask, contour, _JUDGED_PX).weights.mean())
