@@ -30,6 +30,7 @@ FIRST = {
     "score": 0.75, "box": [60.0, 20.1, 160.4, 220.7],
     "tip_px": [206.9, 136.3], "axis_px": [[206.9, 136.3], [165.9, 198.8]],
     "x_mm": 1.0, "y_mm": -2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 123.0, "metric": False,
+    "deviations": None,
 }  # fmt: skip
 CAMERA = """%YAML:1.0
 ---

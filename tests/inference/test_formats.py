@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +33,16 @@ def test_json_lines_hold_a_frame_each() -> None:
     assert content["instruments"] == 2 * [{
         "score": 0.8765, "box": [1, 2, 3, 4], "tip_px": [30, 40], "axis_px": [[30, 40], [50, 60.3]],
         "x_mm": 1, "y_mm": -2, "z_mm": 20.12, "pitch_deg": 90, "yaw_deg": 0, "metric": True,
+        "deviations": None,
     }]  # fmt: skip
+
+
+def test_json_lines_state_the_deviations_of_fitted_poses() -> None:
+    fitted = replace(SHAFT, deviations=np.array([0.1, 0.2, 0.30004, 4.0, 5.0]))
+    (row,) = json.loads(json_line(Frame("a.png", 0, RGB), [fitted]))["instruments"]
+    assert row["deviations"] == {
+        "x_mm": 0.1, "y_mm": 0.2, "z_mm": 0.3, "pitch_deg": 4.0, "yaw_deg": 5.0,
+    }  # fmt: skip
 
 
 def test_csv_holds_a_shaft_in_a_line() -> None:

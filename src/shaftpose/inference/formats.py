@@ -51,7 +51,12 @@ def as_row(shaft: FoundShaft) -> dict[str, Any]:
         "axis_px": np.round(shaft.axis_px, 1).tolist(),
         **{name: round(getattr(shaft.pose, name), 2) for name in POSE_DIMENSIONS},
         "metric": shaft.metric,
+        "deviations": None if shaft.deviations is None else _named(shaft.deviations),
     }
+
+
+def _named(values: np.ndarray) -> dict[str, float]:
+    return {name: round(float(v), 3) for name, v in zip(POSE_DIMENSIONS, values, strict=True)}
 
 
 def csv_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:

@@ -22,7 +22,7 @@ class FoundShaft:
     score: in [0, 1]. box: (4,) x0, y0, x1, y1, clipped to the frame. axis_px: (2, 2), the tip and
     the point of the axis 10 mm behind it, or nearer where that would halve the depth; both may lie
     outside the frame. pose: mm and deg. metric: whether the pose's millimetres are those of the
-    user's camera and shaft.
+    user's camera and shaft. deviations: (5,) standard deviations of a fitted pose, mm and deg.
     """
 
     score: float
@@ -30,6 +30,7 @@ class FoundShaft:
     axis_px: Array
     pose: ShaftPose
     metric: bool
+    deviations: Array | None = None
 
     @property
     def tip_px(self) -> Array:

@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 from shaftpose.errors import InputError
 from shaftpose.inference.found_shafts import Array, FoundShaft, axis_px, box_px
 from shaftpose.inference.frame_cameras import Views
@@ -45,10 +48,16 @@ class ShaftFinder:
             )
         view = self._views(width, height)
         found = self._predictor(view.square(rgb)[None])[0].above(self._score)
-        rows = zip(found.scores, found.boxes, found.poses, strict=True)
-        return [
+        shafts = [
             self._in_frame(float(score), box_px(box, view, width, height), pose, view)
-            for score, box, pose in rows
+            for score, box, pose in zip(found.scores, found.boxes, found.poses, strict=True)
+        ]
+        if not isinstance(found, FittedDetections):
+            return shafts
+        scale = np.array([self._scale] * 3 + [1.0] * 2)
+        return [
+            replace(shaft, deviations=scale * own) if np.isfinite(own).all() else shaft
+            for shaft, own in zip(shafts, found.deviations, strict=True)
         ]
 
     def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:

@@ -74,3 +74,13 @@ def test_an_image_without_detections() -> None:
     empty = np.zeros((299, 299), np.float32)
     none = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     assert len(Refiner(SHAFT, CAMERA, "edges")(grey(empty), empty, none).scores) == 0
+
+
+def test_fitted_poses_have_deviations() -> None:
+    mask = soft_mask(POSES[0])
+    start = detections(POSES[0] + OFF, np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
+    found = Refiner(SHAFT, CAMERA, "mask")(grey(mask), mask, start)
+    assert np.all(found.deviations[0] > 0)
+    assert np.all(found.deviations[0] < [0.5, 0.5, 2.0, 10.0, 3.0])
+    assert np.isnan(found.deviations[1]).all()
+    assert len(found.above(2.0).deviations) == 0

@@ -12,6 +12,7 @@ from shaftpose.core.instruments import Detections
 from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import image_gradients, image_offsets, mask_offsets
 from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
+from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 
 # What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
 Refinement = Literal["none", "mask", "edges"]
@@ -34,7 +35,7 @@ class Refiner:
 
     def __call__(
         self, rgb: NDArray[np.uint8], mask: NDArray[np.float32], found: Detections
-    ) -> Detections:
+    ) -> FittedDetections:
         """Detections with fitted poses; their boxes are the extents of the contours in the image.
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view.
@@ -43,12 +44,14 @@ class Refiner:
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         gradients = image_gradients(rgb) if self.edges else None
         poses, boxes = found.poses.copy(), found.boxes.copy()
+        deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
             fit = self._fit(start, wide, gradients)
             if not fit.kept:
                 points = shaft_contour(fit.pose, self.shaft, self.camera).points
                 poses[row], boxes[row] = fit.pose, [*points.min(axis=0), *points.max(axis=0)]
-        return Detections(boxes, found.scores, poses)
+                deviations[row] = np.sqrt(np.diag(fit.covariance))
+        return FittedDetections(boxes, found.scores, poses, deviations)
 
     def _fit(
         self, start: Array, mask: NDArray[np.float32], gradients: NDArray[np.float32] | None
