@@ -1,6 +1,6 @@
 """Export of a trained network to one ONNX file, checked against the network."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,16 +42,17 @@ def export_model(
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
-    shaft = rendering.shaft
+    shaft, lens = rendering.shaft, rendering.lens.distortion
     facts = ModelFacts(
-        confidence=validated_confidence(predictor),
         view_deg=rendering.camera.view_deg,
         # The diameter of an instrument from a CAD file is not a setting.
         shaft_diameter_mm=None if shaft.cad else shaft.diameter_mm,
         shaft_length_mm=None if shaft.cad else shaft.length_mm,
         shaft_tip=None if shaft.cad else shaft.tip,
+        distorted=any((*lens.k1, *lens.k2)),
     )
     store_facts(path, facts)
+    store_facts(path, replace(facts, confidence=validated_confidence(Predictor(path))))
     return parity
 
 

@@ -9,8 +9,8 @@ class ModelFacts:
     """The confidence threshold, chosen on validation images, and the camera and the shaft that the
     model was trained for, without which its millimetres are meaningless.
 
-    The shaft's facts are None for an instrument from a CAD file. The default view angle is the
-    paper's.
+    The shaft's facts are None for an instrument from a CAD file. distorted: whether the camera had
+    lens distortion. The default view angle is the paper's.
     """
 
     confidence: float | None = None
@@ -18,6 +18,7 @@ class ModelFacts:
     shaft_diameter_mm: float | None = None
     shaft_length_mm: float | None = None
     shaft_tip: str | None = None
+    distorted: bool = False
 
     def as_text(self) -> dict[str, str]:
         """The facts that are known, by name."""
@@ -25,7 +26,11 @@ class ModelFacts:
 
     @classmethod
     def from_text(cls, stated: Mapping[str, str]) -> "ModelFacts":
-        """The facts from metadata, which may hold other keys, too."""
+        """The facts from metadata, which may hold other keys, too.
+
+        Raises ValueError if a number is none.
+        """
         numbers = ("confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm")
         known = {name: float(stated[name]) for name in numbers if name in stated}
-        return cls(**known, shaft_tip=stated.get("shaft_tip"))
+        tip, distorted = stated.get("shaft_tip"), stated.get("distorted") == str(True)
+        return cls(**known, shaft_tip=tip, distorted=distorted)

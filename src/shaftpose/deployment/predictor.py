@@ -42,8 +42,11 @@ class Predictor:
         if names not in (_OUTPUTS, [*_OUTPUTS, _MASK]):
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
-        self.facts = ModelFacts.from_text(self._session.get_modelmeta().custom_metadata_map)
-        # None for a model without a mask and for an instrument of unknown diameter.
+        try:
+            self.facts = ModelFacts.from_text(self._session.get_modelmeta().custom_metadata_map)
+        except ValueError as error:
+            raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
+        # None for a model without a mask, an instrument of unknown diameter or a distorting lens.
         self.refiner = self._made(refine) if _MASK in names else None
 
     @property
@@ -78,7 +81,7 @@ class Predictor:
 
     def _made(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
-        if refine == "none" or diameter_mm is None or length_mm is None:
+        if diameter_mm is None or length_mm is None or self.facts.distorted or refine == "none":
             return None
         shaft = Shaft(diameter_mm, length_mm, flat_tip=self.facts.shaft_tip == "flat")
         return Refiner(shaft, self.camera, refine)

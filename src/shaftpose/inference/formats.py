@@ -87,7 +87,7 @@ def _bop_numbers(frame: Frame) -> tuple[int, int]:
     if frame.fps is not None:
         return 1, frame.number
     path = Path(frame.source)
-    scene, image = path.absolute().parts[-3], path.stem
+    scene, image = path.absolute().parent.parent.name, path.stem
     if not image.isdecimal():
         raise InputError("--format bop needs a number as the file's name, as in 000012.png")
     return int(scene) if scene.isdecimal() else 1, int(image)

@@ -84,8 +84,13 @@ class DenseNetwork(PoseNetwork):
         return decode(outputs.mask, outputs.maps, self.pinhole, limits)
 
     def masks(self, outputs: DenseOutputs) -> Tensor:
-        """The mask of all shafts, (B, 150, 150)."""
-        return outputs.mask.float().sigmoid()[:, 0]
+        """The mask of all shafts, (B, 299, 299).
+
+        As in the loss, logits are scaled up: where they are 0 between two cells lies an edge.
+        """
+        side = self.pinhole.side_px
+        wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")
+        return wide.sigmoid()[:, 0]
 
 
 class Residual(nn.Module):

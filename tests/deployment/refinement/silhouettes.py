@@ -10,11 +10,12 @@ from shaftpose.deployment.refinement.contour import Shaft
 SIDE_PX, VIEW_DEG, FINER = 299, 95.0, 4
 CAMERA = Camera.from_field_of_view(SIDE_PX, SIDE_PX, VIEW_DEG)
 SHAFT = Shaft(diameter_mm=3.0, length_mm=150.0)
-# In the middle, near the border with a steep shaft, and looking onto the end disc.
+# In the middle, near the border with a steep shaft, from behind, and looking onto the end disc.
 POSES = (
     np.array([0.0, 0.0, 20.0, 70.0, 40.0]),
     np.array([14.0, -9.0, 25.0, 55.0, 200.0]),
     np.array([-6.0, 4.0, 15.0, 100.0, 300.0]),
+    np.array([6.0, 4.0, 15.0, 80.0, 30.0]),
 )
 
 

@@ -9,7 +9,7 @@ from tests.deployment.refinement.silhouettes import CAMERA, FINER, POSES, SHAFT,
 Array = NDArray[np.float64]
 
 
-@pytest.mark.parametrize("pose", POSES, ids=["middle", "border", "end"])
+@pytest.mark.parametrize("pose", POSES, ids=["middle", "border", "behind", "end"])
 def test_points_lie_on_the_border_of_the_silhouette(pose: Array) -> None:
     contour, mask = shaft_contour(pose, SHAFT, CAMERA), fine_mask(pose)
     assert len(contour.points) > 50
@@ -20,7 +20,7 @@ def test_points_lie_on_the_border_of_the_silhouette(pose: Array) -> None:
     assert np.allclose(np.linalg.norm(contour.normals, axis=1), 1)
 
 
-@pytest.mark.parametrize("pose", POSES, ids=["middle", "border", "end"])
+@pytest.mark.parametrize("pose", POSES, ids=["middle", "border", "behind", "end"])
 @pytest.mark.parametrize("dimension", range(5))
 def test_motion_is_the_displacement_along_the_normals(pose: Array, dimension: int) -> None:
     step = np.zeros(5)
@@ -54,6 +54,14 @@ def test_only_a_flat_tip_has_a_rim() -> None:
     assert np.all(np.abs(lines.normals @ course) < 0.3)
     rim = both.normals[len(lines.points) :]
     assert np.all(rim @ course < -0.3)  # away from the handle
+
+
+def test_normals_leave_a_shaft_that_passes_close_to_the_camera() -> None:
+    pose = np.array([2.46, -10.35, 6.27, 56.51, 114.39])  # the axis is 2.1 mm away
+    contour, mask = shaft_contour(pose, SHAFT, CAMERA), fine_mask(pose)
+    at = (FINER * (contour.points - 0.5 * contour.normals)).astype(int)
+    seen = np.all((at >= 0) & (at < FINER * SIDE_PX), axis=1)
+    assert np.all(mask[at[seen, 1], at[seen, 0]])
 
 
 def test_a_line_ends_with_the_shaft() -> None:

@@ -1,10 +1,12 @@
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+import pytest
 
 from shaftpose.deployment.refinement.contour import Array, Contour
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
-from shaftpose.deployment.refinement.fit import EDGE_PX, Stage, fit_pose
+from shaftpose.deployment.refinement.fit import EDGE_PX, Fit, Search, Stage, fit_pose
 from tests.deployment.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 # Of the tip in px, the logarithm of its depth, and both angles in deg.
@@ -12,12 +14,17 @@ LOOSE, USUAL = np.array([1e3, 1e3, 10.0, 1e3, 1e3]), np.array([5.0, 5.0, 0.2, 12
 STAGES = [Stage(px) for px in (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)]
 
 
+def fitted(start: Array, search: Search, stages: Sequence[Stage], prior: Array) -> Fit:
+    fit = fit_pose(start, SHAFT, CAMERA, search, stages, prior)
+    assert fit is not None
+    return fit
+
+
 def test_a_mask_gives_back_its_pose() -> None:
     for pose in POSES:
         start = pose + [0.4, -0.3, 1.0, 4.0, -3.0]
         search = partial(mask_offsets, soft_mask(pose))
-        fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, LOOSE)
-        assert not fit.kept
+        fit = fitted(start, search, STAGES, LOOSE)
         assert np.all(np.abs(fit.pose - pose) < [0.05, 0.05, 0.15, 0.6, 0.2])
 
 
@@ -31,8 +38,7 @@ def test_a_stage_ends_at_its_distance_from_the_tip() -> None:
         return Offsets(10.0 * far * contour.normals[:, 0], ones)
 
     near, whole = (
-        fit_pose(pose, SHAFT, CAMERA, misleading_far_off, [stage], LOOSE).pose
-        for stage in (Stage(1, 50), Stage(1))
+        fitted(pose, misleading_far_off, [stage], LOOSE).pose for stage in (Stage(1, 50), Stage(1))
     )
     assert np.allclose(near, pose)
     assert abs(whole[4] - pose[4]) > 1
@@ -42,7 +48,7 @@ def test_depth_changes_along_the_ray() -> None:
     pose = POSES[1]
     start = np.array([*(1.2 * pose[:3]), *pose[3:]])  # 20 % too far, at the same place in the image
     search = partial(mask_offsets, soft_mask(pose))
-    fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, USUAL)
+    fit = fitted(start, search, STAGES, USUAL)
     assert np.all(np.abs(fit.pose - pose) < [0.1, 0.1, 0.2, 0.6, 0.2])
 
 
@@ -51,7 +57,7 @@ def test_yaw_crosses_zero() -> None:
     search = partial(mask_offsets, soft_mask(pose))
     for yaw_deg in (358.0, 4.0):
         start = np.array([0.0, 0.0, 20.0, 70.0, yaw_deg])
-        fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, USUAL)
+        fit = fitted(start, search, STAGES, USUAL)
         assert abs(fit.pose[4] - 1.0) < 0.2
 
 
@@ -64,7 +70,7 @@ def test_covariance_is_that_of_repeated_fits() -> None:
 
     scaled = []
     for _ in range(300):
-        fit = fit_pose(true, SHAFT, CAMERA, noise, [Stage(1.0)], LOOSE)
+        fit = fitted(true, noise, [Stage(1.0)], LOOSE)
         scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance)))
     # Real edges err twice as much as this noise: the covariance allows for it.
     assert np.allclose(np.std(scaled, axis=0), 0.5, atol=0.06)
@@ -75,16 +81,25 @@ def test_what_edges_leave_open_stays_at_the_start() -> None:
     true, start = POSES[0], POSES[0] + [0.0, 0.0, 0.0, 5.0, 0.0]
     search = partial(mask_offsets, soft_mask(true))
     firm = USUAL * [1, 1, 1, 1e-4, 1]
-    fit = fit_pose(start, SHAFT, CAMERA, search, STAGES, firm)
+    fit = fitted(start, search, STAGES, firm)
     assert abs(fit.pose[3] - start[3]) < 1e-3
 
 
-def test_without_edges_the_start_is_kept() -> None:
+def test_without_edges_there_is_no_fit() -> None:
     start: Array = POSES[0]
     for mask in (np.zeros((299, 299), np.float32), np.ones((299, 299), np.float32)):
-        fit = fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, LOOSE)
-        assert fit.kept == "too few edges"
-        assert np.array_equal(fit.pose, start)
-    nowhere = np.array([0.0, 0.0, -5.0, 70.0, 0.0])
+        assert fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, LOOSE) is None
     search = partial(mask_offsets, soft_mask(start))
-    assert fit_pose(nowhere, SHAFT, CAMERA, search, STAGES, LOOSE).kept
+    for nowhere in ([0.0, 0.0, -5.0, 70.0, 0.0], [60.0, 0.0, 20.0, 70.0, 0.0]):
+        assert fit_pose(np.array(nowhere), SHAFT, CAMERA, search, STAGES, LOOSE) is None
+
+
+def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:
+    start = np.array([3.0, 0.0, 20.0, 2.0, 350.0])
+
+    def far(contour: Contour, reach_px: float) -> Offsets:
+        ones = np.ones(len(contour.points))
+        return Offsets(-20 * contour.motion[:, 3], ones)
+
+    pose = fitted(start, far, [Stage(1.0)], np.array([1e-3, 1e-3, 1e-3, 1e3, 1e-3])).pose
+    assert pose[3:] == pytest.approx([8.0, 170.0], abs=0.1)  # -8 deg at 350, by the longest step

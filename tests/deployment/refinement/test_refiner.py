@@ -84,3 +84,17 @@ def test_fitted_poses_have_deviations() -> None:
     assert np.all(found.deviations[0] < [0.5, 0.5, 2.0, 10.0, 3.0])
     assert np.isnan(found.deviations[1]).all()
     assert len(found.above(2.0).deviations) == 0
+
+
+def test_boxes_end_at_the_border() -> None:
+    mask = soft_mask(POSES[1])
+    found = Refiner(SHAFT, CAMERA, "mask")(grey(mask), mask, detections(POSES[1] + 0.5 * OFF))
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 3)
+
+
+def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:
+    mask, box = soft_mask(POSES[0]), np.array([[1.0, 2.0, 3.0, 4.0]])
+    start = Detections(box, np.ones(1), POSES[0][None] + OFF)
+    found = Refiner(SHAFT._replace(flat_tip=False), CAMERA, "mask")(grey(mask), mask, start)
+    assert np.array_equal(found.boxes, box)
+    assert np.all(np.abs(found.poses[0, 3:] - POSES[0][3:]) < 1)

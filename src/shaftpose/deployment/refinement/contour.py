@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 _LINE_SAMPLES, _ARC_SAMPLES = 40, 24
 _END_ON = 1e-6  # least px by which a line's image moves with each mm
+_FAR_PX = 1e9
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
 _MARGIN_PX = 1.0
 # Samples of the rim whose normal is turned from the axis by less than about 70 deg: next to the
@@ -46,15 +47,13 @@ class Contour(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A part of a contour: points (N, 3) on the shaft in mm, their tangents (N, 2) in the image,
-    and the lengths (N,) px that they stand for."""
+    """A part of a contour: points (N, 3) on the shaft in mm, directions (N, 3) out of the shaft,
+    tangents (N, 2) in the image, and the lengths (N,) px that the points stand for."""
 
-    rims: Array
+    points: Array
+    outward: Array
     tangents: Array
     lengths: Array
-
-
-_NO_PART = _Part(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
 
 
 def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
@@ -72,21 +71,23 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     away = across / distance
     aside = _cross(axis[None], away[None])[0]
     lean = np.arcsin(radius / distance)  # between a touching plane and the plane of the axis
-    sideways = np.cos(lean) * np.array([aside, -aside])
-    parts = [_lines(tip + radius * (sideways - np.sin(lean) * away), axis, shaft.length_mm, camera)]
+    contacts = np.cos(lean) * np.array([aside, -aside]) - np.sin(lean) * away
+    parts = [_lines(tip + radius * contacts, contacts, axis, shaft.length_mm, camera)]
     if shaft.flat_tip:
         parts.append(_arc(tip, axis, radius, away, aside, lean, camera))
-    rims, tangents, lengths = (np.concatenate(same) for same in zip(*parts, strict=True))
-    points = camera.project(rims)
-    inner = camera.project(tip + np.maximum((rims - tip) @ axis, radius)[:, None] * axis)
+    points, outward, tangents, lengths = (np.concatenate(same) for same in zip(*parts, strict=True))
     normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
-    normals *= np.sign(np.sum(normals * (points - inner), axis=1))[:, None]
-    return Contour(points, normals, lengths, _motion(rims, normals, pose, camera))
+    moved = np.sum(_by_point(points, normals, camera) * outward, axis=1)
+    normals *= np.where(moved < 0, -1.0, 1.0)[:, None]
+    motion = _motion(points, normals, pose, camera)
+    return Contour(camera.project(points), normals, lengths, motion)
 
 
-def _lines(starts: Array, axis: Array, length_mm: float, camera: Camera) -> _Part:
-    """The lines start + t axis, 0 <= t <= length_mm, from starts (2, 3), with points evenly spaced
-    in the image."""
+def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera: Camera) -> _Part:
+    """The lines start + t axis, 0 <= t <= length_mm, with points evenly spaced in the image.
+
+    starts, contacts: (2, 3), the ends at the tip and their directions from the axis.
+    """
     depths = starts[:, 2:]
     course = camera.focal_px * (axis[:2] - axis[2] * starts[:, :2] / depths)
     speeds = np.linalg.norm(course, axis=1, keepdims=True)
@@ -99,18 +100,19 @@ def _lines(starts: Array, axis: Array, length_mm: float, camera: Camera) -> _Par
     seen = (low < high)[:, 0] & (speeds > _END_ON)[:, 0]
     px = low + (high - low) * np.linspace(0, 1, _LINE_SAMPLES)
     t = px * depths / (speeds - px * axis[2])
-    points = starts[:, None] + t[..., None] * axis
-    tangents = np.repeat(directions[:, None], _LINE_SAMPLES, axis=1)
-    lengths = np.repeat((high - low) / _LINE_SAMPLES, _LINE_SAMPLES, axis=1)
-    return _Part(points[seen].reshape(-1, 3), tangents[seen].reshape(-1, 2), lengths[seen].ravel())
+    points = (starts[:, None] + t[..., None] * axis)[seen].reshape(-1, 3)
+    lengths = ((high - low) / _LINE_SAMPLES)[seen, 0]
+    of_each = (np.repeat(of_line, _LINE_SAMPLES, axis=0)
+               for of_line in (contacts[seen], directions[seen], lengths))  # fmt: skip
+    return _Part(points, *of_each)
 
 
 def _inside(starts: Array, directions: Array, camera: Camera) -> tuple[Array, Array]:
     """The parts (2, 1) of the lines start + s direction, all in px, that lie in the image."""
     corners = np.array([[[0.0, 0.0]], [[camera.width, camera.height]]])
+    # A line parallel to a border meets it at infinity: finite, so that the arithmetic stays quiet.
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = (corners - starts) / directions
-    ends = np.where(np.isnan(ends), [[[-np.inf]], [[np.inf]]], ends)  # on a border, parallel to it
+        ends = np.nan_to_num((corners - starts) / directions, posinf=_FAR_PX, neginf=-_FAR_PX)
     low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
     return low[:, None], high[:, None]
 
@@ -126,7 +128,8 @@ def _arc(
     if beyond @ course > 0:
         half = np.pi + half * (np.pi / 2 - lean) / (np.pi / 2 + lean)
     turn = half[:, None]
-    rims = tip + radius * (np.cos(turn) * away + np.sin(turn) * aside)
+    radial = np.cos(turn) * away + np.sin(turn) * aside
+    rims = tip + radius * radial
     along = radius * (np.cos(turn) * aside - np.sin(turn) * away)
     tangents = along[:, :2] - along[:, 2:] * rims[:, :2] / rims[:, 2:]
     speeds = np.linalg.norm(tangents, axis=1)
@@ -135,20 +138,26 @@ def _arc(
     across = np.abs(tangents @ np.array([-course[1], course[0]]))
     kept = across > _FACING * max(float(np.linalg.norm(course)), 1e-9)
     kept &= camera.shows(camera.project(rims)) & (speeds > 1e-9)
-    return _Part(rims[kept], tangents[kept], lengths[kept])
+    return _Part(rims[kept], (radial - axis)[kept], tangents[kept], lengths[kept])
 
 
-def _motion(rims: Array, normals: Array, pose: Array, camera: Camera) -> Array:
-    """How far rim points (N, 3) move along their normals in the image, (N, 5) px by mm and deg.
+def _by_point(points: Array, normals: Array, camera: Camera) -> Array:
+    """How far points (N, 3) move along their normals in the image, (N, 3) px for each mm."""
+    depth = points[:, 2:]
+    slope = -np.sum(normals * points[:, :2], axis=1, keepdims=True) / depth
+    return camera.focal_px / depth * np.concatenate([normals, slope], axis=1)
+
+
+def _motion(points: Array, normals: Array, pose: Array, camera: Camera) -> Array:
+    """How far points (N, 3) of a contour move along their normals in the image, (N, 5) px for each
+    mm and deg of the pose.
 
     A contour moves across itself as the points of the rigid body that lie on it do.
     """
-    depth = rims[:, 2:]
-    slope = -np.sum(normals * rims[:, :2], axis=1, keepdims=True) / depth
-    by_point = camera.focal_px / depth * np.concatenate([normals, slope], axis=1)
-    pitch, yaw = np.radians(pose[3:])
+    by_point = _by_point(points, normals, camera)
+    yaw = np.radians(pose[4])
     spins = [[np.sin(yaw), -np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
-    torque = _cross(rims - pose[:3], by_point)
+    torque = _cross(points - pose[:3], by_point)
     return np.concatenate([by_point, np.radians(torque @ np.transpose(spins))], axis=1)
 
 

@@ -10,6 +10,9 @@ from shaftpose.deployment.refinement.contour import Array, Contour
 
 _STEP_PX = 0.5  # between the samples of a profile
 _GRADIENT_NOISE = 15.0  # grey levels per px; weaker edges count less
+_FARTHEST = 3.0  # edges of an image count up to this many times their reach
+# Strongest gradients lie this far inside the outlines of rendered steel (docs/beyond.md).
+INSIDE_PX = 0.05
 
 
 class Offsets(NamedTuple):
@@ -25,10 +28,11 @@ def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -
 
     The integral over the profile of a step from 1 to 0 is where the step lies, without a threshold.
     """
-    steps = np.arange(-reach_px, reach_px + 0.01, _STEP_PX)
+    steps = _steps(reach_px)
     profiles, inside = _profiles(mask, contour, steps)
-    offsets = profiles.mean(axis=1) * 2 * reach_px - reach_px
-    contrast = np.clip(profiles[:, 0] - profiles[:, -1], 0.0, 1.0) * inside.astype(float)
+    ends = (profiles[:, 0] + profiles[:, -1]) / 2
+    offsets = _STEP_PX * (profiles.sum(axis=1) - ends) + steps[0]  # by the trapezoid rule
+    contrast = np.clip(profiles[:, 0] - profiles[:, -1], 0.0, 1.0) * inside
     robust = 1 / (1 + (offsets / (0.3 * reach_px)) ** 2)
     return Offsets(offsets, contrast**2 * robust)
 
@@ -40,35 +44,41 @@ def image_gradients(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def image_offsets(gradients: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
-    """Edges of an image with gradients (2, H, W, 3): along each normal the strongest one, weighted
-    by its nearness. Reliable only from a start within a px: metal has strong edges of its own."""
-    steps = np.arange(-3 * reach_px, 3 * reach_px + 0.01, _STEP_PX)
-    by_x, by_y = (_profiles(g, contour, steps) for g in gradients)
+    """Edges of an image with gradients (2, H, W, 3): along each normal the local maximum that is
+    strongest if weighted by its nearness. Reliable only from a start within a px: metal has strong
+    edges of its own."""
+    steps = _steps(_FARTHEST * reach_px)
+    (by_x, inside), (by_y, _) = (_profiles(part, contour, steps) for part in gradients)
     normals = contour.normals[:, None, None]
-    strength = np.linalg.norm(by_x[0] * normals[..., 0] + by_y[0] * normals[..., 1], axis=-1)
-    nearness = np.exp(-(steps**2) / (2 * reach_px**2))
-    best = np.clip((strength * nearness).argmax(axis=1), 1, len(steps) - 2)
+    strength = np.linalg.norm(by_x * normals[..., 0] + by_y * normals[..., 1], axis=-1)
+    before, middle, after = strength[:, :-2], strength[:, 1:-1], strength[:, 2:]
+    nearness = np.exp(-(steps[1:-1] ** 2) / (2 * reach_px**2))
+    peaks = np.where((middle >= before) & (middle > after), middle * nearness, 0.0)
+    best = peaks.argmax(axis=1)
     rows = np.arange(len(best))
-    before, peak, after = (strength[rows, best + k] for k in (-1, 0, 1))
-    bend = before - 2 * peak + after
-    curved = (peak >= before) & (peak >= after) & (bend < -1e-6)
-    offsets = steps[best] + _STEP_PX * np.where(
-        curved, 0.5 * (before - after) / np.where(curved, bend, 1.0), 0.0
-    )
-    contrast = peak / (peak + _GRADIENT_NOISE) * by_x[1]
+    low, peak, high = before[rows, best], middle[rows, best], after[rows, best]
+    found = (peaks[rows, best] > 0) * inside
+    bend = np.minimum(low - 2 * peak + high, -1e-6)
+    offsets = steps[1:-1][best] + _STEP_PX * 0.5 * (low - high) / bend
     robust = 1 / (1 + (offsets / (0.7 * reach_px + 0.15)) ** 2)
-    return Offsets(offsets, contrast * robust)
+    return Offsets(offsets + INSIDE_PX, found * peak / (peak + _GRADIENT_NOISE) * robust)
+
+
+def _steps(reach_px: float) -> Array:
+    """Places along a profile, symmetric to 0, which is one of them."""
+    count = int(np.ceil(reach_px / _STEP_PX))
+    return _STEP_PX * np.arange(-count, count + 1)
 
 
 def _profiles(
     picture: NDArray[np.float32], contour: Contour, steps: Array
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """A picture (H, W, ...) along the contour's normals, (N, S, ...), and whether each profile lies
-    inside the picture, (N,)."""
+) -> tuple[NDArray[np.float32], Array]:
+    """A picture (H, W, ...) along the contour's normals, (N, S, ...), and 1 for each profile that
+    lies inside the picture, else 0, (N,)."""
     at = contour.points[:, None] + steps[:, None] * contour.normals[:, None]
     height, width = picture.shape[:2]
     ends = at[:, [0, -1]]
     inside = np.all((ends >= 0) & (ends <= [width, height]), axis=(1, 2))
     x, y = np.moveaxis((at - 0.5).astype(np.float32), -1, 0)  # OpenCV's pixel centres: integers
     read = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(read, dtype=np.float32), inside
+    return np.asarray(read, dtype=np.float32), inside.astype(float)

@@ -18,7 +18,7 @@ _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
 EDGE_PX = 1.0
 # Errors on predicted masks are this times those that the covariance states (docs/beyond.md).
 _UNDERSTATED = 2.0
-_LEAST_SAMPLES, _LEAST_WEIGHT = 8, 0.01
+_LEAST_PX = 10.0  # of clear and near edges
 
 Search = Callable[[Contour, float], Offsets]
 
@@ -34,11 +34,10 @@ class Stage(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted pose (5,) mm, deg; its covariance (5, 5); why it is the start, "" if it is not."""
+    """A fitted pose (5,) mm, deg, and its covariance (5, 5)."""
 
     pose: Array
     covariance: Array
-    kept: str = ""
 
 
 class _Edges(NamedTuple):
@@ -57,15 +56,16 @@ def fit_pose(
     search: Search,
     stages: Sequence[Stage],
     prior: Array,
-) -> Fit:
-    """The pose whose contour lies on the edges that `search` finds in each stage in turn.
+) -> Fit | None:
+    """The pose whose contour lies on the edges that `search` finds in each stage in turn; None if
+    the last stage finds too few.
 
     Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
     and how near; `prior` (5,), standard deviations of the start's parameters, holds what edges
     leave open.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
-        return Fit(start, np.full((5, 5), np.nan), "no contour in view")
+        return None
     pose, held, edges = start, np.diag(prior**-2.0), None
     information = held
     for stage in stages:
@@ -79,7 +79,7 @@ def fit_pose(
         step = np.linalg.solve(information, weighted @ edges.offsets + held @ away)
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
-        return Fit(start, _of_pose(np.diag(prior**2.0), start, camera), "too few edges")
+        return None
     return Fit(pose, _UNDERSTATED**2 * _of_pose(np.linalg.inv(information), pose, camera))
 
 
@@ -88,15 +88,15 @@ def _edges(
 ) -> _Edges | None:
     """The edges near the contour of a pose; None if they are too few."""
     contour = shaft_contour(pose, shaft, camera)
-    if len(contour.points) < _LEAST_SAMPLES:
+    if not len(contour.points):
         return None
     offsets = search(contour, stage.reach_px)
     near = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1) < stage.length_px
-    weights = offsets.weights * near
-    if np.sum(weights > _LEAST_WEIGHT) < _LEAST_SAMPLES:
+    weights = offsets.weights * contour.lengths * near
+    if weights.sum() < _LEAST_PX:
         return None
     motion = contour.motion @ _spread(pose, camera)
-    return _Edges(offsets.px, weights * contour.lengths / EDGE_PX**2, motion)
+    return _Edges(offsets.px, weights / EDGE_PX**2, motion)
 
 
 def _parameters(pose: Array, camera: Camera) -> Array:
@@ -118,8 +118,10 @@ def _of_pose(covariance: Array, pose: Array, camera: Camera) -> Array:
 
 
 def _moved(pose: Array, step: Array, camera: Camera) -> Array:
-    """The pose after a step of the parameters."""
+    """The pose after a step of the parameters, with its pitch in [0, 180] deg."""
     u, v, log_depth, pitch, yaw = _parameters(pose, camera) + step
+    if not 0 <= pitch <= 180:  # the axis has passed the line of sight
+        pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
     depth = np.exp(log_depth)
     x, y = (np.array([u, v]) - [camera.cx, camera.cy]) / camera.focal_px * depth
     return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

@@ -24,7 +24,7 @@ _EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (0.8, 0.8, 0.8, 0.8, 0.8, 0
 # Standard deviations of the parameters of a network's poses, and of poses fitted to a mask: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
-_MASK_PRIOR = np.array([1.0, 1.0, 0.05, 4.0, 1.5])
+_MASK_PRIOR = np.array([2.0, 2.0, 0.1, 8.0, 3.0])
 
 
 class Refiner:
@@ -36,30 +36,32 @@ class Refiner:
     def __call__(
         self, rgb: NDArray[np.uint8], mask: NDArray[np.float32], found: Detections
     ) -> FittedDetections:
-        """Detections with fitted poses; their boxes are the extents of the contours in the image.
+        """Detections with fitted poses and the extents of their contours in the image as boxes.
 
-        rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view.
-        A detection keeps its pose and box if the fit finds too few edges.
+        rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view. A
+        detection keeps its pose if the fit finds too few edges, and its box also if the tip is not
+        flat: the contour has only lines then.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         gradients = image_gradients(rgb) if self.edges else None
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
-            fit = self._fit(start, wide, gradients)
-            if not fit.kept:
-                points = shaft_contour(fit.pose, self.shaft, self.camera).points
-                poses[row], boxes[row] = fit.pose, [*points.min(axis=0), *points.max(axis=0)]
-                deviations[row] = np.sqrt(np.diag(fit.covariance))
+            if (fit := self._fit(start, wide, gradients)) is None:
+                continue
+            poses[row], deviations[row] = fit.pose, np.sqrt(np.diag(fit.covariance))
+            points = shaft_contour(fit.pose, self.shaft, self.camera).points
+            if self.shaft.flat_tip and len(points):
+                boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
         return FittedDetections(boxes, found.scores, poses, deviations)
 
     def _fit(
         self, start: Array, mask: NDArray[np.float32], gradients: NDArray[np.float32] | None
-    ) -> Fit:
+    ) -> Fit | None:
         in_mask = partial(mask_offsets, mask)
         fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _NETWORK_PRIOR)
-        if fit.kept or gradients is None:
+        if fit is None or gradients is None:
             return fit
         in_image = partial(image_offsets, gradients)
         polished = fit_pose(fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, _MASK_PRIOR)
-        return fit if polished.kept else polished
+        return polished or fit
