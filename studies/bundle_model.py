@@ -1,8 +1,8 @@
 """Bundle the model of a finished training with the package.
 
 `python -m studies.bundle_model FOLDER` takes a training that `studies.evaluate_trainings` has
-evaluated on the images in data/; for the pipeline's variant d: `models/d --results
-data/results/d`. It stores the model in half the bytes, compares both files on the test images, and
+evaluated on the images in data/; for the pipeline's variant e: `models/e --results
+data/results/e`. It stores the model in half the bytes, compares both files on the test images, and
 writes src/shaftpose/models/ (model, checksum, card) and tests/data/bundled_model/ (three test
 images, and bounds for the model's errors on them).
 """

@@ -41,7 +41,7 @@ LEARNING_CURVES = (
     "validation/mAP", "validation/detected_rate", "validation/tip_mm",
 )  # fmt: skip
 
-FITTED = "fitted/"  # prefix of the image sets that fitted poses were measured on
+FITTED = "fitted/"  # prefix of the image sets on which fitted poses were measured
 
 Results = Mapping[str, dict[str, Any]]  # variant -> results of `evaluate`
 

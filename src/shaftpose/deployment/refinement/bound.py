@@ -14,7 +14,7 @@ def pose_bound(pose: Array, shaft: Shaft, camera: Camera) -> Array:
 
     A contour of length ds that moves by m px across itself changes the image by contrast m ds, so
     that the Fisher information is (contrast / noise)^2 times the integral of m m^T ds. The shaft's
-    diameter and the camera are known; infinite where the contour leaves a dimension open.
+    diameter and the camera are known. All are infinite if the contour leaves any dimension open.
     """
     contour = shaft_contour(pose, shaft, camera)
     weighted = contour.motion.T * contour.lengths
