@@ -11,6 +11,7 @@ from tqdm import tqdm
 from shaftpose.core.drawing import FOUND, TRUTH, contact_sheet, draw_caption, draw_masks
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
+from shaftpose.core.instruments import Detections
 from shaftpose.dataset.silhouette_sets import MaskedImage
 from shaftpose.deployment.prediction import predict
 from shaftpose.deployment.predictor import Predictor
@@ -32,34 +33,33 @@ def compare_silhouettes(
 ) -> dict[str, dict[str, float]]:
     """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
     fitted poses; draws the first images of each set and the last predictor's poses."""
-    scores = dict[str, dict[str, float]]()
+    scores, drawn = dict[str, dict[str, float]](), list[Image]()
     for prefix, predictor in zip(("", FITTED), predictors, strict=False):
-        measured = _compare(predictor, render, sets, confidence, picture)
-        scores |= {f"{prefix}{name}": score for name, score in measured.items()}
-    return scores
-
-
-def _compare(
-    predictor: Predictor,
-    render: Render,
-    sets: Mapping[str, Sequence[MaskedImage]],
-    confidence: float,
-    picture: Path,
-) -> dict[str, dict[str, float]]:
-    scores, drawn = {}, list[Image]()
-    for name, images in sets.items():
-        found = predict(predictor, (image.rgb for image in images), len(images))
-        silhouettes = [
-            render(detections.above(confidence).poses, image.camera)
-            for image, detections in zip(
-                images, tqdm(found, "silhouettes", unit="image"), strict=True
-            )
-        ]
-        known, masks = [image.known for image in images], [image.masks for image in images]
-        scores[name] = asdict(silhouette_score(found, known, masks, silhouettes, confidence))
-        drawn += [
-            draw_caption(draw_masks(draw_masks(i.rgb, i.masks, TRUTH), silhouette, FOUND), name)
-            for i, silhouette in list(zip(images, silhouettes, strict=True))[:DRAWN_IMAGES]
-        ]
+        drawn = []
+        for name, images in sets.items():
+            found = predict(predictor, (image.rgb for image in images), len(images))
+            silhouettes = _silhouettes(images, found, render, confidence)
+            known, masks = [image.known for image in images], [image.masks for image in images]
+            score = silhouette_score(found, known, masks, silhouettes, confidence)
+            scores[f"{prefix}{name}"] = asdict(score)
+            drawn += _drawn(images, silhouettes, name)
     write_jpeg(contact_sheet(drawn, columns=DRAWN_IMAGES), picture)
     return scores
+
+
+def _silhouettes(
+    images: Sequence[MaskedImage], found: Sequence[Detections], render: Render, confidence: float
+) -> list[Sequence[NDArray[np.bool_]]]:
+    """The masks (H, W) of the poses that were found in each image."""
+    pairs = zip(images, tqdm(found, "silhouettes", unit="image"), strict=True)
+    return [render(one.above(confidence).poses, image.camera) for image, one in pairs]
+
+
+def _drawn(
+    images: Sequence[MaskedImage], silhouettes: Sequence[Sequence[NDArray[np.bool_]]], name: str
+) -> list[Image]:
+    """The first images with their true masks and the silhouettes."""
+    return [
+        draw_caption(draw_masks(draw_masks(i.rgb, i.masks, TRUTH), silhouette, FOUND), name)
+        for i, silhouette in list(zip(images, silhouettes, strict=True))[:DRAWN_IMAGES]
+    ]
