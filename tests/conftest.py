@@ -76,6 +76,11 @@ def constant_model(tmp_path: Path) -> Path:
     """A model with the interface of an exported one that finds two shafts in every image, with
     scores 0.75 and 0.25, and leaves a third place empty."""
     values = {"boxes": np.array(BOXES), "scores": np.array(SCORES), "poses": np.array(POSES)}
+    return write_constant_model(tmp_path / "constant.onnx", values)
+
+
+def write_constant_model(path: Path, values: dict[str, np.ndarray]) -> Path:
+    """Write a model with these outputs for every image."""
     weights = []
     nodes = [helper.make_node("Shape", ["image"], ["batch"], start=0, end=1)]
     outputs = []
@@ -91,6 +96,5 @@ def constant_model(tmp_path: Path) -> Path:
     graph = helper.make_graph(nodes, "constant", [image], outputs, weights)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
     onnx.checker.check_model(model)
-    path = tmp_path / "constant.onnx"
     onnx.save(model, str(path))
     return path

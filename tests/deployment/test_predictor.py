@@ -1,14 +1,18 @@
 """Running an exported model."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.deployment.predictor import Predictor
+from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.errors import InputError
+from tests.conftest import write_constant_model
+from tests.deployment.refinement.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
 
 def test_empty_places_are_left_out(constant_model: Path) -> None:
@@ -43,6 +47,54 @@ def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
     message = r"constant\.onnx: holds no confidence threshold; export it again"
     with pytest.raises(InputError, match=message):
         _ = Predictor(constant_model).confidence
+
+
+def test_damaged_metadata_are_named(constant_model: Path) -> None:
+    model = onnx.load(str(constant_model))
+    onnx.helper.set_model_props(model, {"confidence": "high"})
+    onnx.save(model, str(constant_model))
+    with pytest.raises(InputError, match=r"constant\.onnx: its metadata are damaged .*high"):
+        Predictor(constant_model)
+
+
+FLAT_ROD = ModelFacts(0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat")
+
+
+@pytest.fixture
+def masked_model(tmp_path: Path) -> Path:
+    """A model that finds the first of `POSES`, not quite, and its true mask."""
+    values = {
+        "boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75]), "mask": soft_mask(POSES[0]),
+        "poses": POSES[:1] + np.array([0.5, -0.4, 1.5, 5.0, -4.0]),
+    }  # fmt: skip
+    ordered = {name: values[name] for name in ("boxes", "scores", "poses", "mask")}
+    path = write_constant_model(tmp_path / "masked.onnx", ordered)
+    store_facts(path, FLAT_ROD)
+    return path
+
+
+def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
+    found = Predictor(masked_model, "mask")(np.zeros((2, 299, 299, 3), dtype=np.uint8))
+    assert len(found) == 2
+    assert np.all(np.abs(found[1].poses[0] - POSES[0]) < [0.05, 0.05, 0.3, 0.8, 0.3])
+    assert np.all(found[1].boxes[0] > 100)
+    alone, fitting = network_and_fit(masked_model, "mask")
+    assert (alone.refiner, fitting.refiner is None) == (None, False)
+    (own,) = alone(np.zeros((1, 299, 299, 3), dtype=np.uint8))
+    assert own.boxes.tolist() == [[1, 2, 3, 4]]
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        replace(FLAT_ROD, shaft_diameter_mm=None, shaft_length_mm=None),  # from a CAD file
+        replace(FLAT_ROD, distorted=True),
+    ],
+)
+def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelFacts, masked_model: Path) -> None:
+    store_facts(masked_model, facts)
+    assert Predictor(masked_model).facts == facts
+    assert len(network_and_fit(masked_model, "edges")) == 1
 
 
 @pytest.mark.parametrize("content", [None, b"no model"])
