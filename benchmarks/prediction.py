@@ -1,7 +1,7 @@
 """Speed of exported models: `make bench`, after `make repro`.
 
-Prints images per second of every `models/*/model.onnx` by batch size, decoding and non-maximum
-suppression included, and writes them to `benchmarks/results/prediction.json`.
+Prints images per second of every `models/*/model.onnx` by batch size, decoding, non-maximum
+suppression and the fit of poses included, and writes them to `benchmarks/results/prediction.json`.
 """
 
 import statistics
