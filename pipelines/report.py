@@ -16,10 +16,10 @@ def main(settings: Settings) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     margin = settings.report.champion_margin
     champion = write_report(RESULTS, settings.variants, margin, settings.profile, settings.out)
-    results = read_result(RESULTS / champion.variant / "evaluation.json", "evaluate")
+    results = read_result(RESULTS / champion.trained / "evaluation.json", "evaluate")
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = results["training"]["training_id"]
-    tracking.register_champion(training_id, champion.variant, champion.rule)
+    tracking.register_champion(training_id, champion.trained, champion.rule)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Choice of the champion."""
 
-from shaftpose.report.ablation import choose_champion
+from shaftpose.report.ablation import Champion, choose_champion
 
 
 def test_the_least_tip_error_among_the_best_wins() -> None:
@@ -17,5 +17,10 @@ def test_the_least_tip_error_among_the_best_wins() -> None:
 
 
 def test_who_found_nothing_comes_last() -> None:
-    validation = {"c": {"mAP": 0.5}, "d": {"mAP": 0.5, "tip_mm": 9.0}, "e": {}}
+    validation = {"c": {"mAP": 0.5}, "d": {"mAP": 0.5, "tip_mm": 9.0}, "e": {"mAP": None}}
     assert choose_champion(validation, margin=0.02).variant == "d"
+
+
+def test_a_champion_with_fitted_poses_names_its_training() -> None:
+    assert Champion("e_fitted", "rule").trained == "e"
+    assert Champion("d", "rule").trained == "d"

@@ -11,7 +11,7 @@ from shaftpose.evaluation.binned_errors import as_plain, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.json_files import write_json
 from shaftpose.report import writing
-from shaftpose.report.ablation import last_validation, variant_row
+from shaftpose.report.ablation import variant_row
 from shaftpose.settings.parts import PoseRanges
 
 RANGES = PoseRanges(
@@ -36,6 +36,7 @@ def result(title: str, real: dict[str, Any] | None) -> dict[str, Any]:
         "precision_recall": {"recall": [0.5], "precision": [1.0], "scores": [0.9]},
         "curves": [[1, "validation/mAP", 0.1], [2, "validation/mAP", 0.2]],
         "fitted": None,
+        "validation": {"mAP": 0.2, "tip_mm": None},
     }  # fmt: skip
 
 
@@ -45,17 +46,6 @@ RESULTS = {
     "d": result("D", None),
     "d_noise_real": result("D + noise + real", {"domain": "real", "images": 100}),
 }
-
-
-def test_the_last_validation_counts() -> None:
-    curves = [
-        [49, "validation/mAP", 0.2],
-        [49, "validation/tip_mm", 5.0],
-        [99, "training/box", 1.0],
-        [99, "validation/mAP", 0.1],
-    ]
-    assert last_validation(curves) == {"mAP": 0.1}  # nothing was detected in the last validation
-    assert last_validation([]) == {}
 
 
 def test_fitted_poses_have_rows_of_their_own(tmp_path: Path) -> None:

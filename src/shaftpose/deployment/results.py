@@ -13,6 +13,7 @@ from shaftpose.core.figure_style import save_figure
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.core.shards import ShardedDataset
+from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.deployment.refinement.bound import pose_bound
@@ -41,7 +42,7 @@ class ModelResults:
         self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
     ) -> None:
         self.shards, self.keys, self.confidence = shards, keys, confidence
-        self.refiner = predictor.refiner
+        self.predictor = predictor
         self.found, self.known = predict_shards(predictor, shards, keys)
         metrics = evaluate(self.found, self.known, confidence)
         fps = predictor.frames_per_second(shards.rgb(keys[0]))
@@ -59,11 +60,10 @@ class ModelResults:
         save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
         save_figure(pose_error_figure(self.errors), figures["pose errors"])
         write_jpeg(self._sheet(), figures["predictions"], quality=88)
-        if self.refiner is not None:
+        if (refiner := self.predictor.refiner) is not None:
             figures["errors over bounds"] = folder / "errors_over_bounds.png"
             bounds = [
-                pose_bound(pose, self.refiner.shaft, self.refiner.camera)
-                for pose in self.errors.true_poses
+                pose_bound(pose, refiner.shaft, refiner.camera) for pose in self.errors.true_poses
             ]
             figure = error_over_bound_figure(self.errors, np.reshape(bounds, (-1, 5)))
             save_figure(figure, figures["errors over bounds"])
@@ -75,6 +75,12 @@ class ModelResults:
         known: list[Annotations] = self.known[: len(keys)]
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
         return prediction_sheet(list(rgb), known, found, list(cameras), COLUMNS)
+
+    def validation(self) -> dict[str, float | int | None]:
+        """The metrics on the validation images."""
+        keys = read_keys(Path("data/split"), "validation")
+        found, known = predict_shards(self.predictor, self.shards, keys)
+        return evaluate(found, known, self.confidence).as_dict()
 
     def for_report(self, ranges: PoseRanges) -> dict[str, Any]:
         """The values for the report, as JSON holds them."""
@@ -91,8 +97,12 @@ class ModelResults:
 def for_report(
     ranges: PoseRanges, alone: ModelResults, fitted: ModelResults | None = None
 ) -> dict[str, Any]:
-    """The values for the report of a network and, as `fitted`, of its fitted poses."""
-    return alone.for_report(ranges) | {"fitted": fitted and fitted.for_report(ranges)}
+    """The values for the report of a network and, as `fitted`, of its fitted poses; as
+    `validation`, metrics on the validation images, with the fit if there is one."""
+    return alone.for_report(ranges) | {
+        "fitted": fitted and fitted.for_report(ranges),
+        "validation": (fitted or alone).validation(),
+    }
 
 
 def flat(alone: ModelResults, fitted: ModelResults | None = None) -> dict[str, float | int | None]:

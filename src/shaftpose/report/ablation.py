@@ -1,7 +1,7 @@
 """Plain data of an ablation study: training settings, amounts of data and metrics."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from shaftpose.errors import InputError
 from shaftpose.report.paper_tables import TABLE_I
 
 STAND_IN = "stand-in"
+FIT = "_fitted"  # ends the names of rows of fitted poses
 REAL = "real"
 
 MetricValues = Mapping[str, float | int | None]
@@ -45,10 +46,15 @@ class VariantRow:
 
 @dataclass(frozen=True)
 class Champion:
-    """The variant chosen for deployment, and the selection rule as one sentence."""
+    """The row of the variant chosen for deployment, and the selection rule as one sentence."""
 
     variant: str
     rule: str
+
+    @property
+    def trained(self) -> str:
+        """The variant that was trained."""
+        return self.variant.removesuffix(FIT)
 
 
 @dataclass(frozen=True)
@@ -115,28 +121,22 @@ def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
     return " + ".join(domain_label if part == REAL else part for part in parts)
 
 
-def choose_champion(validation: Mapping[str, Mapping[str, float]], margin: float) -> Champion:
+def choose_champion(validation: Mapping[str, MetricValues], margin: float) -> Champion:
     """The variant with the lowest tip error among those whose mAP is within `margin` of the best.
 
     validation: `mAP` and `tip_mm` on the validation images by variant, where known: a variant that
     detected no instrument has no tip error and comes last. Test images are not used, as a choice by
     their metrics would bias these metrics.
     """
-    best = max(values.get("mAP", 0.0) for values in validation.values())
-    close = [name for name, values in validation.items() if values.get("mAP", 0.0) >= best - margin]
-    chosen = min(close, key=lambda name: validation[name].get("tip_mm", math.inf))
+    precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
+    close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
+    tips = {name: validation[name].get("tip_mm") for name in close}
+    far = {name: math.inf if tip is None else tip for name, tip in tips.items()}
+    chosen = min(close, key=far.__getitem__)
     return Champion(
         chosen,
         "lowest mean tip error among the variants whose mAP is within "
         f"{margin:g} of the best, both on the validation images, where it has "
         + ", ".join(f"{name} {value:.3g}" for name, value in sorted(validation[chosen].items())
-                    if name in ("mAP", "tip_mm")),
+                    if name in ("mAP", "tip_mm") and value is not None),
     )  # fmt: skip
-
-
-def last_validation(curves: Sequence[Sequence[Any]]) -> dict[str, float]:
-    """The metrics of a training's last validation, from rows of step, name, value."""
-    phase = "validation/"
-    rows = [(step, name, value) for step, name, value in curves if name.startswith(phase)]
-    last = max((step for step, _, _ in rows), default=None)
-    return {name.removeprefix(phase): value for step, name, value in rows if step == last}

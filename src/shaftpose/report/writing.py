@@ -21,11 +21,11 @@ from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.files import new_file
 from shaftpose.json_files import read_domain, read_result
 from shaftpose.report.ablation import (
+    FIT,
     AblationReport,
     Champion,
     VariantRow,
     choose_champion,
-    last_validation,
     variant_row,
     variant_title,
 )
@@ -58,7 +58,7 @@ def with_fits(results: Results) -> dict[str, dict[str, Any]]:
         rows[name] = result
         if result["fitted"]:
             title = f"{result['title']} + fit"
-            rows[f"{name}_fitted"] = result | result["fitted"] | {"title": title}
+            rows[f"{name}{FIT}"] = result | result["fitted"] | {"title": title}
     return rows
 
 
@@ -74,7 +74,7 @@ def read_silhouettes(
         scores = read_result(folder / name / "silhouette.json", "evaluate_real")
         for images, score in scores.items():
             fitted = images.startswith(FITTED)
-            row = rows.setdefault(f"{name}_fitted" if fitted else name, {})
+            row = rows.setdefault(f"{name}{FIT}" if fitted else name, {})
             row[images.removeprefix(FITTED)] = score
     return rows
 
@@ -89,7 +89,11 @@ def write_report(
     results, domain = read_results(folder, variants), read_domain()
     rows = [variant_row(name, result) for name, result in with_fits(results).items()]
     champion = choose_champion(
-        {name: last_validation(result["curves"]) for name, result in results.items()}, margin
+        {
+            f"{name}{FIT}" if result["fitted"] else name: result["validation"]
+            for name, result in results.items()
+        },
+        margin,
     )
     shards = ShardedDataset(Path("data/render/images"))
     train, test = annotations(shards, "train"), annotations(shards, "test")
