@@ -160,9 +160,8 @@ def table_i_scale(report: AblationReport) -> list[str]:
         f"{paper_tables.REAL_TRAINING_IMAGES} real ones in D + noise + real), "
         f"{paper_tables.TEST_IMAGES:,} test images, batch {paper_tables.BATCH_SIZE}; the number "
         "of steps is not stated. Its fps were measured on a Quadro GV100. Ours are a single "
-        "reading with onnxruntime on a CPU, one image at a time, including decoding and, for E + fit, "
-        "the fit; `make bench` "
-        "measures the speed in repeated rounds.",
+        "reading with onnxruntime on a CPU, one image at a time, including decoding and, for E + "
+        "fit, the fit; `make bench` measures the speed in repeated rounds.",
         f"Ours: {_span(r.training_images for r in rows)} training images (at most "
         f"{100 * share:.3g} % of the paper's), {_span(r.test_images for r in rows)} test images, "
         f"{_span(r.steps for r in rows)} steps, batch {_span(r.batch_size for r in rows)}, "
