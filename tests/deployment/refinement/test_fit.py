@@ -15,7 +15,7 @@ STAGES = [Stage(px) for px in (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5
 
 
 def fitted(start: Array, search: Search, stages: Sequence[Stage], prior: Array) -> Fit:
-    fit = fit_pose(start, SHAFT, CAMERA, search, stages, prior)
+    fit = fit_pose(start, SHAFT, CAMERA, search, stages, np.diag(prior**-2))
     assert fit is not None
     return fit
 
@@ -71,7 +71,7 @@ def test_covariance_is_that_of_repeated_fits() -> None:
     scaled = []
     for _ in range(300):
         fit = fitted(true, noise, [Stage(1.0)], LOOSE)
-        scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance)))
+        scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance(CAMERA))))
     # Real edges err twice as much as this noise: the covariance allows for it.
     assert np.allclose(np.std(scaled, axis=0), 0.5, atol=0.06)
     assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.1)
@@ -88,10 +88,15 @@ def test_what_edges_leave_open_stays_at_the_start() -> None:
 def test_without_edges_there_is_no_fit() -> None:
     start: Array = POSES[0]
     for mask in (np.zeros((299, 299), np.float32), np.ones((299, 299), np.float32)):
-        assert fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, LOOSE) is None
+        assert (
+            fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, np.diag(LOOSE**-2))
+            is None
+        )
     search = partial(mask_offsets, soft_mask(start))
     for nowhere in ([0.0, 0.0, -5.0, 70.0, 0.0], [60.0, 0.0, 20.0, 70.0, 0.0]):
-        assert fit_pose(np.array(nowhere), SHAFT, CAMERA, search, STAGES, LOOSE) is None
+        assert (
+            fit_pose(np.array(nowhere), SHAFT, CAMERA, search, STAGES, np.diag(LOOSE**-2)) is None
+        )
 
 
 def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:

@@ -16,7 +16,7 @@ _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
 # Standard deviation of the offset of an edge 1 px long; of one n px long, it is this by root n.
 # Neighbours share their errors, so it is larger than that of a single sample.
 EDGE_PX = 1.0
-# Errors on predicted masks are this times those that the covariance states (docs/beyond.md).
+# Errors on predicted masks are this times those that the edges promise (docs/beyond.md).
 _UNDERSTATED = 2.0
 _LEAST_PX = 10.0  # of clear and near edges
 
@@ -34,10 +34,15 @@ class Stage(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted pose (5,) mm, deg, and its covariance (5, 5)."""
+    """A fitted pose (5,) mm, deg, and the information (5, 5) about its parameters."""
 
     pose: Array
-    covariance: Array
+    information: Array
+
+    def covariance(self, camera: Camera) -> Array:
+        """The covariance (5, 5) of the pose."""
+        spread = _spread(self.pose, camera)
+        return spread @ np.linalg.inv(self.information) @ spread.T
 
 
 class _Edges(NamedTuple):
@@ -55,19 +60,18 @@ def fit_pose(
     camera: Camera,
     search: Search,
     stages: Sequence[Stage],
-    prior: Array,
+    held: Array,
 ) -> Fit | None:
     """The pose whose contour lies on the edges that `search` finds in each stage in turn; None if
     the last stage finds too few.
 
     Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
-    and how near; `prior` (5,), standard deviations of the start's parameters, holds what edges
+    and how near; `held` (5, 5), the information about the start's parameters, holds what edges
     leave open.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
         return None
-    pose, held, edges = start, np.diag(prior**-2.0), None
-    information = held
+    pose, information, edges = start, held, None
     for stage in stages:
         edges = _edges(pose, shaft, camera, search, stage)
         if edges is None:  # perhaps behind an occluder: further from the tip there may be more
@@ -80,7 +84,7 @@ def fit_pose(
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
         return None
-    return Fit(pose, _UNDERSTATED**2 * _of_pose(np.linalg.inv(information), pose, camera))
+    return Fit(pose, information / _UNDERSTATED**2)
 
 
 def _edges(
@@ -109,12 +113,6 @@ def _spread(pose: Array, camera: Camera) -> Array:
     spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
     spread[:3, 2] = pose[:3]
     return spread
-
-
-def _of_pose(covariance: Array, pose: Array, camera: Camera) -> Array:
-    """The covariance of a pose from that of its parameters."""
-    spread = _spread(pose, camera)
-    return spread @ covariance @ spread.T
 
 
 def _moved(pose: Array, step: Array, camera: Camera) -> Array:

@@ -21,10 +21,9 @@ _MASK_STAGES = tuple(
     Stage(*px) for px in ((12, 40), (10, 40), (10, 60), (9, 90), (8, 130), (7, 190), (6, 280))
 ) + tuple(Stage(reach_px) for reach_px in (5, 4, 3, 2, 1.5, 1.5))
 _EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (0.8, 0.8, 0.8, 0.8, 0.8, 0.6))
-# Standard deviations of the parameters of a network's poses, and of poses fitted to a mask: see
+# Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
-_MASK_PRIOR = np.array([2.0, 2.0, 0.1, 8.0, 3.0])
 
 
 class Refiner:
@@ -49,7 +48,8 @@ class Refiner:
         for row, start in enumerate(found.poses):
             if (fit := self._fit(start, wide, gradients)) is None:
                 continue
-            poses[row], deviations[row] = fit.pose, np.sqrt(np.diag(fit.covariance))
+            poses[row] = fit.pose
+            deviations[row] = np.sqrt(np.diag(fit.covariance(self.camera)))
             points = shaft_contour(fit.pose, self.shaft, self.camera).points
             if self.shaft.flat_tip and len(points):
                 boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
@@ -59,9 +59,12 @@ class Refiner:
         self, start: Array, mask: NDArray[np.float32], gradients: NDArray[np.float32] | None
     ) -> Fit | None:
         in_mask = partial(mask_offsets, mask)
-        fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _NETWORK_PRIOR)
+        held = np.diag(_NETWORK_PRIOR**-2)
+        fit = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, held)
         if fit is None or gradients is None:
             return fit
         in_image = partial(image_offsets, gradients)
-        polished = fit_pose(fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, _MASK_PRIOR)
+        polished = fit_pose(
+            fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, fit.information
+        )
         return polished or fit
