@@ -17,7 +17,7 @@ from shaftpose.evaluation.binned_errors import from_plain
 from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.json_files import read_json, write_json
 from shaftpose.network.checkpoint import identity_of
-from shaftpose.report.ablation import variant_row
+from shaftpose.report.ablation import FIT, variant_row
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
 from studies.record import (
@@ -97,7 +97,10 @@ def record(folder: Path) -> list[Path]:
 def training_record(
     variant: str, training: dict[str, Any], result: dict[str, Any]
 ) -> TrainingRecord:
-    """The record of one training from its facts and the results of its evaluation."""
+    """The record of one training from its facts and the results of its evaluation.
+
+    A fit is not trained: its network's record has the curves.
+    """
     return TrainingRecord(
         row=variant_row(variant, result),
         recipe={**training["recipe"], "detection": result["detection"]},
@@ -106,7 +109,7 @@ def training_record(
         real=training["real"],
         binned_errors=from_plain(result["binned_errors"]),
         found=FoundInstruments(**result["found"]),
-        curves=validation_curves(result["curves"]),
+        curves=[] if variant.endswith(FIT) else validation_curves(result["curves"]),
     )
 
 

@@ -70,7 +70,11 @@ def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
             title = variant_title(record.row.variant, _domain_of(alike), record.row.title)
             by_title.setdefault(title, []).append(record)
         found[_picture(CURVES_PICTURE, scale)] = learning_curve_figure(
-            {title: [one.curves for one in repeats] for title, repeats in by_title.items()}
+            {
+                title: [one.curves for one in repeats]
+                for title, repeats in by_title.items()
+                if any(one.curves for one in repeats)
+            }
         )
         found[_picture(ERRORS_PICTURE, scale)] = binned_error_figure({
             f"{title}, seed {first.row.seeds[0]}": first.binned_errors

@@ -59,6 +59,7 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     ]
     record, fitted = results_page.records(tmp_path)
     assert (fitted.row.title, fitted.row.metrics["mAP"]) == ("D + noise + real + fit", 0.75)
+    assert fitted.curves == []
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.width, record.row.depth) == (0.125, 0.25)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
