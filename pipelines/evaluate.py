@@ -1,5 +1,6 @@
 """Stage `evaluate`: the exported model on the test images; metrics and figures."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose import tracking
@@ -7,9 +8,9 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.prediction import confidence_threshold
 from shaftpose.deployment.predictor import network_and_fit
-from shaftpose.deployment.results import ModelResults, flat, for_report, read_curves
-from shaftpose.json_files import read_training, write_json
-from shaftpose.settings.parsing import as_plain
+from shaftpose.deployment.results import ModelResults, evaluation, flat, read_curves
+from shaftpose.handovers import read_training
+from shaftpose.json_files import write_json
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 
@@ -25,15 +26,10 @@ def main(settings: Settings) -> None:
     found = [ModelResults(predictor, images, keys, confidence) for predictor in predictors]
     figures, metrics = found[-1].write_figures(settings.out / "figures", name), flat(*found)
     write_json(settings.out / "metrics.json", metrics)
-    results = for_report(settings.rendering.poses, *found) | {
-        "title": settings.variant.title,
-        "training": training,
-        "detection": as_plain(detection),
-        "curves": read_curves(model / "curves.csv"),
-    }
-    write_json(settings.results / "evaluation.json", results)
+    result = evaluation(settings, training, read_curves(model / "curves.csv"), *found)
+    write_json(settings.results / "evaluation.json", asdict(result))
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    tracking.log_results(training["training_id"], name, metrics, figures)
+    tracking.log_results(training.training_id, name, metrics, figures)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,14 @@
 """Stage `evaluate_real`: detected rate and silhouette IoU on clear and occluded images."""
 
+from dataclasses import asdict
+
 from shaftpose import tracking
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 from shaftpose.deployment.prediction import confidence_threshold
 from shaftpose.deployment.predictor import network_and_fit
 from shaftpose.deployment.silhouettes import compare_silhouettes
-from shaftpose.json_files import read_domain, read_training, write_json
+from shaftpose.handovers import read_domain, read_training
+from shaftpose.json_files import write_json
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.silhouette import SilhouetteRenderer
 from shaftpose.settings.stage import stage
@@ -22,11 +25,11 @@ def main(settings: Settings) -> None:
     render = SilhouetteRenderer(rendering)
     scores = compare_silhouettes(predictors, render, sets, confidence, picture)
     for folder in (settings.out, settings.results):
-        write_json(folder / "silhouette.json", scores)
+        write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    training_id = read_training(settings.model_folder)["training_id"]
+    training_id = read_training(settings.model_folder).training_id
     flat = {
-        f"{images}/{metric}": score[metric]
+        f"{images}/{metric}": getattr(score, metric)
         for images, score in scores.items()
         for metric in ("detected_rate", "iou")
     }

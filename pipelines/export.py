@@ -6,7 +6,7 @@ from pathlib import Path
 from shaftpose import tracking
 from shaftpose.core.split_lists import first_images
 from shaftpose.deployment.export import export_model
-from shaftpose.json_files import read_training
+from shaftpose.handovers import read_training
 from shaftpose.network.building import NetworkSettings, trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
@@ -29,7 +29,7 @@ def main(settings: Settings) -> None:
     images = first_images(Path("data/render/images"), Path("data/split"), "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    training_id, path = read_training(training)["training_id"], out / "model.onnx"
+    training_id, path = read_training(training).training_id, out / "model.onnx"
     tracking.log_model(training_id, settings.variant.name, path, images[:1])
     logging.getLogger(__name__).info("the model is in %s; parity with PyTorch: %s", path, parity)
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from shaftpose import tracking
-from shaftpose.json_files import read_result
-from shaftpose.report.writing import write_report
+from shaftpose.report.writing import read_evaluations, write_report
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 
@@ -16,10 +15,9 @@ def main(settings: Settings) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     margin = settings.report.champion_margin
     champion = write_report(RESULTS, settings.variants, margin, settings.profile, settings.out)
-    results = read_result(RESULTS / champion.trained / "evaluation.json", "evaluate")
+    training = read_evaluations(RESULTS, [champion.trained])[champion.trained].training
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    training_id = results["training"]["training_id"]
-    tracking.register_champion(training_id, champion.trained, champion.rule)
+    tracking.register_champion(training.training_id, champion.trained, champion.rule)
 
 
 if __name__ == "__main__":

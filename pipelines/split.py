@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from shaftpose.dataset.split import split_images, write_split
-from shaftpose.json_files import read_result
+from shaftpose.json_files import read_json
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 
@@ -14,7 +14,7 @@ logger = logging.getLogger(__name__)
 @stage
 def main(settings: Settings) -> None:
     """Write `train.csv`, `validation.csv` and `test.csv` to `out`."""
-    sources = read_result(Path("data/validation/sources.json"), "validate")
+    sources = read_json(Path("data/validation/sources.json"), "run `dvc repro validate`")
     split = split_images(sources, settings.split, settings.seed)
     write_split(split, settings.out)
     if split.left_out:

@@ -9,10 +9,8 @@ images, and bounds for the model's errors on them).
 
 import argparse
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import onnx
 
@@ -24,14 +22,14 @@ from shaftpose.deployment.half_weights import with_half_weights
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics
-from shaftpose.json_files import read_json
+from shaftpose.evaluation.results import Evaluation
+from shaftpose.handovers import read_handover
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
-from studies.evaluate_trainings import check, noted
+from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
-from studies.record import whole
 from studies.templates import rendered
 
 ROOT = Path(__file__).parents[1]
@@ -78,8 +76,8 @@ def bundle(folder: Path, results: Path, root: Path) -> None:
     print(f"written to {MODELS} and {FRAMES}")
 
 
-def evaluated(folder: Path, results: Path) -> Mapping[str, Any]:
-    """The recorded results of the folder's training, of fitted poses if it has them.
+def evaluated(folder: Path, results: Path) -> Evaluation:
+    """The recorded evaluation of the folder's training, of fitted poses if it has them.
 
     Raises InputError if there are none.
     """
@@ -87,11 +85,10 @@ def evaluated(folder: Path, results: Path) -> Mapping[str, Any]:
         results / "evaluation.json",
         f"run `python -m studies.evaluate_trainings {folder}`",
     )
-    result: dict[str, Any] = read_json(path, f"{remedy}, or name its folder by --results")
-    with whole(str(path), remedy):
-        if result["training"]["training_id"] != noted(folder)["training_id"]:
-            raise InputError(f"{path}: belongs to another training than {folder}; {remedy}")
-        *_, as_used = with_fits({"": result}).values()
+    found = read_handover(path, Evaluation, f"{remedy}, or name its folder by --results")
+    if found.training.training_id != finished(folder).training_id:
+        raise InputError(f"{path}: belongs to another training than {folder}; {remedy}")
+    *_, as_used = with_fits({"": found}).values()
     return as_used
 
 
@@ -109,9 +106,9 @@ def store(exported: Path, folder: Path) -> Path:
     return path
 
 
-def refuse_another(folder: Path, result: Mapping[str, Any], measured: Metrics) -> None:
+def refuse_another(folder: Path, recorded: Evaluation, measured: Metrics) -> None:
     """Raise InputError unless the recorded results are those of the folder's model."""
-    now, then = measured.mAP or 0.0, result["metrics"]["mAP"] or 0.0
+    now, then = measured.mAP or 0.0, recorded.accuracy.metrics.mAP or 0.0
     if abs(now - then) > SAME_MAP:
         raise InputError(
             f"{folder}/model.onnx: has a mAP of {now:.3f}, but {then:.3f} was recorded; run "
@@ -119,15 +116,15 @@ def refuse_another(folder: Path, result: Mapping[str, Any], measured: Metrics) -
         )
 
 
-def card(result: Mapping[str, Any], stored: Predictor, comparison: Comparison, source: str) -> str:
+def card(evaluation: Evaluation, stored: Predictor, comparison: Comparison, source: str) -> str:
     """The model card as Markdown; `source` is the id of a background of the test images."""
     columns = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
     files = {"exported": comparison.exported, "bundled": comparison.stored}
     return rendered(
         "model_card.md.j2",
         file=MODEL,
-        title=result["title"],
-        training=result["training"],
+        title=evaluation.title,
+        training=evaluation.training,
         predictor=stored,
         comparison=comparison,
         tissue=source.startswith("tissue-"),

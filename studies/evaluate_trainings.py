@@ -9,22 +9,18 @@ training's command given by `--with`.
 import argparse
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.evaluation.binned_errors import from_plain
-from shaftpose.evaluation.common_instruments import FoundInstruments
-from shaftpose.json_files import read_json, write_json
+from shaftpose.evaluation.results import Evaluation
+from shaftpose.handovers import TrainingFacts, read_handover, read_training
+from shaftpose.json_files import write_json
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import FIT, variant_row
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
-from studies.record import (
-    TrainingRecord,
-    validation_curves,
-    whole,
-)
+from studies.record import TrainingRecord, validation_curves
 
 RECORDS = Path("reports/trainings")
 
@@ -47,11 +43,7 @@ def main() -> None:
 def check(folder: Path, data: str) -> None:
     """Raise InputError unless the folder holds a finished training on the images in data/, which
     have the digest `data`."""
-    training = noted(folder)
-    with whole(str(folder / "training.json"), "train again"):
-        # `record` needs these keys.
-        trained, *_ = (training[key] for key in ("data", "real", "recipe", "variant"))
-    if trained != data:
+    if finished(folder).data.digest != data:
         raise InputError(
             f"{folder}: was trained on other images than those in data/: run `dvc repro split` "
             "with the settings of its images"
@@ -59,11 +51,9 @@ def check(folder: Path, data: str) -> None:
     variant_of(folder)
 
 
-def noted(folder: Path) -> dict[str, Any]:
+def finished(folder: Path) -> TrainingFacts:
     """The facts that the train stage recorded about a finished training."""
-    remedy = "run the training, or its sweep, to its end, or leave the folder out"
-    training: dict[str, Any] = read_json(folder / "training.json", remedy)
-    return training
+    return read_training(folder, "run the training, or its sweep, to its end, or leave it out")
 
 
 def evaluate(folder: Path, settings: list[str]) -> None:
@@ -86,30 +76,26 @@ def variant_of(folder: Path) -> str:
 
 def record(folder: Path) -> list[Path]:
     """Write the records of the training for `make results`; returns their paths."""
-    training, result = noted(folder), read_json(folder / "evaluation.json", "evaluate it again")
-    paths = []
-    for name, one in with_fits({variant_of(folder): result}).items():
-        paths.append(RECORDS / f"{name}-{training['seed']}-{training['training_id'][:8]}.json")
-        write_json(paths[-1], training_record(name, training, one).as_plain())
+    evaluation = read_handover(folder / "evaluation.json", Evaluation, "evaluate it again")
+    training, paths = evaluation.training, []
+    for name, one in with_fits({variant_of(folder): evaluation}).items():
+        paths.append(RECORDS / f"{name}-{training.seed}-{training.training_id[:8]}.json")
+        write_json(paths[-1], asdict(training_record(name, one)))
     return paths
 
 
-def training_record(
-    variant: str, training: dict[str, Any], result: dict[str, Any]
-) -> TrainingRecord:
-    """The record of one training from its facts and the results of its evaluation.
-
-    A fit is not trained: its network's record has the curves.
-    """
+def training_record(variant: str, evaluation: Evaluation) -> TrainingRecord:
+    """The record of one training. A fit is not trained: its network's record has the curves."""
+    training, accuracy = evaluation.training, evaluation.accuracy
     return TrainingRecord(
-        row=variant_row(variant, result),
-        recipe={**training["recipe"], "detection": result["detection"]},
-        variant=training["variant"],
-        data=training["data"],
-        real=training["real"],
-        binned_errors=from_plain(result["binned_errors"]),
-        found=FoundInstruments(**result["found"]),
-        curves=[] if variant.endswith(FIT) else validation_curves(result["curves"]),
+        row=variant_row(variant, evaluation),
+        recipe={**training.recipe, "detection": evaluation.detection},
+        variant=training.variant,
+        data=training.data.digest,
+        real=training.data.real,
+        binned_errors=accuracy.binned_errors,
+        found=accuracy.found,
+        curves=[] if variant.endswith(FIT) else validation_curves(evaluation.curves),
     )
 
 

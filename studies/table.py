@@ -85,7 +85,7 @@ def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
 
 def _domain_of(alike: Sequence[TrainingRecord]) -> str:
     """The domain of the trainings' real images; no title uses it if there are none."""
-    return next((record.real["domain"] for record in alike if record.real), STAND_IN)
+    return next((record.real.domain for record in alike if record.real), STAND_IN)
 
 
 def _of_scale(differences: str, scale: Scale, alike: Sequence[TrainingRecord]) -> ScaleTables:

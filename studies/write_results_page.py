@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import exit_on_input_error
+from shaftpose.handovers import read_handover
 from shaftpose.json_files import read_json
-from shaftpose.report.ablation import AblationReport, Champion
+from shaftpose.report.ablation import AblationReport
 from studies.architecture_tables import rounding_table
 from studies.readme_table import with_table
-from studies.record import TrainingRecord, read_record, read_row, whole
+from studies.record import TrainingRecord, read_record
 from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
 
@@ -52,10 +53,7 @@ def page(root: Path) -> str:
 
 def records(root: Path) -> list[TrainingRecord]:
     """The records of single trainings, sorted by variant and seed."""
-    found = [
-        read_record(content, f"reports/trainings/{name}.json")
-        for name, content in contents(root / "reports/trainings").items()
-    ]
+    found = [read_record(path) for path in (root / "reports/trainings").glob("*.json")]
     return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
 
 
@@ -67,22 +65,7 @@ def sweeps(root: Path) -> dict[str, Table]:
 
 def report_of(root: Path) -> AblationReport:
     """The recorded report. Raises InputError if there is none, or one of another version."""
-    recorded, remedy = root / "reports/ablation.json", "run `make report`"
-    content = read_json(recorded, remedy)
-    with whole(str(recorded), remedy):
-        return read_report(content)
-
-
-def read_report(content: dict[str, Any]) -> AblationReport:
-    """The report that the pipeline wrote as ablation.json."""
-    return AblationReport(
-        rows=[read_row(row) for row in content["variants"]],
-        constant=content["constant_predictor"],
-        silhouette=content["silhouette"],
-        domain_label=content["domain_label"],
-        champion=Champion(**content["champion"]),
-        profile=content["profile"],
-    )
+    return read_handover(root / "reports/ablation.json", AblationReport, "run `make report`")
 
 
 def contents(folder: Path) -> dict[str, Any]:

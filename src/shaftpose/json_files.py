@@ -1,4 +1,4 @@
-"""Small JSON files passed between stages."""
+"""Small JSON files."""
 
 import json
 from pathlib import Path
@@ -22,19 +22,3 @@ def read_json(path: Path, remedy: str) -> Any:
         raise InputError(f"{path}: missing; {remedy}") from error
     except ValueError as error:
         raise InputError(f"{path}: cannot be read as JSON ({error}); {remedy}") from error
-
-
-def read_result(path: Path, stage: str) -> Any:
-    """Read a JSON file written by `stage`. Raises InputError if it is missing or damaged."""
-    return read_json(path, f"run `dvc repro {stage}`")
-
-
-def read_training(model_folder: Path) -> dict[str, Any]:
-    """Read the `training.json` that the train stage writes next to the checkpoint."""
-    training: dict[str, Any] = read_result(model_folder / "training.json", "train")
-    return training
-
-
-def read_domain() -> str:
-    """Origin of the real-domain images: "real" or "stand-in"."""
-    return str(read_result(Path("data/real/about.json"), "real_images")["domain"])

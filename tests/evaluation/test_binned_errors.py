@@ -1,13 +1,12 @@
 """Binned errors of instruments with known bins and errors."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.evaluation.binned_errors import BINS, as_plain, binned_errors, from_plain
+from shaftpose.evaluation.binned_errors import BINS, binned_errors
 from shaftpose.evaluation.pose_errors import errors_between, pose_errors
 from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.settings.parts import PoseRanges
@@ -74,10 +73,6 @@ def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
     found = [nothing, Detections(boxes[1:], np.ones(1), TRUE[1:2])]
     bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), RANGES)
     assert [one.count for one in bins["visible_fraction"]] == [1, 0, 0, 0, 0]
-
-
-def test_bins_pass_through_json():
-    assert from_plain(json.loads(json.dumps(as_plain(FOUND)))) == FOUND
 
 
 def test_the_figure_shows_the_medians_of_bins_that_hold_enough():

@@ -21,10 +21,10 @@ def finished(clone: Path, run: Run) -> Path:
 
 def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
     report = json.loads((finished / "reports/ablation.json").read_text())
-    assert [row["variant"] for row in report["variants"]] == [*VARIANTS, "e_fitted"]
-    assert set(report["silhouette"]) == {*VARIANTS, "e_fitted"}
-    assert report["constant_predictor"]["x_mm"] > 0
-    for row in report["variants"]:
+    assert [row["variant"] for row in report["rows"]] == [*VARIANTS, "e+fit"]
+    assert set(report["silhouette"]) == {*VARIANTS, "e+fit"}
+    assert report["constant"]["x_mm"] > 0
+    for row in report["rows"]:
         assert row["test_images"] == 6
         assert row["steps"] == 6
     text = (finished / "reports/ablation.md").read_text()

@@ -91,16 +91,16 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     assert done.returncode == 0, done.stderr
     noted = facts(folder)
     monkeypatch.chdir(folder)
-    assert noted["data"] == rendered_digest()
-    assert noted["real"] == {"domain": "real", "images": 2, "digest": real_digest()}
+    assert noted["data"]["digest"] == rendered_digest()
+    assert noted["data"]["real"] == {"domain": "real", "images": 2, "digest": real_digest()}
     file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
     settings = {key: value for key, value in file.items() if key != "title"}
     assert noted["variant"] == settings | {"start": False}  # see SIZES
-    assert noted["start"] is None
+    assert noted["data"]["start"] is None
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
-    assert run.data.tags["dataset.digest"] == noted["data"]
-    assert run.data.tags["dataset.real_digest"] == noted["real"]["digest"]
+    assert run.data.tags["dataset.digest"] == noted["data"]["digest"]
+    assert run.data.tags["dataset.real_digest"] == noted["data"]["real"]["digest"]
 
 
 def test_a_result_that_may_not_be_written_to_is_replaced(folder: Path) -> None:

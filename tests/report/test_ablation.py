@@ -22,5 +22,5 @@ def test_who_found_nothing_comes_last() -> None:
 
 
 def test_a_champion_with_fitted_poses_names_its_training() -> None:
-    assert Champion("e_fitted", "rule").trained == "e"
+    assert Champion("e+fit", "rule").trained == "e"
     assert Champion("d", "rule").trained == "d"

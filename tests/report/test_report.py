@@ -76,7 +76,7 @@ def test_every_variant_appears_in_every_form(report: AblationReport):
         assert re.search(rf"<th scope=\"rowgroup\" rowspan=\"2\">{re.escape(title)}<", page)
         assert markdown_line(text, f"| {title} |" if title != "D + noise" else "| **D + noise** |")
     content = json.loads(to_json(report))
-    names = [entry["variant"] for entry in content["variants"]]
+    names = [entry["variant"] for entry in content["rows"]]
     assert names == ["c", "d", "d_noise", "d_noise_real", "mine"]
 
 
@@ -85,7 +85,7 @@ def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationR
     assert cells[:5] == ["D <wide> \\| deep", "900", "3,000", "0.812", "0.700"]
     page = to_html(report)
     assert '<th scope="row">D &lt;wide&gt; | deep' in page and "<wide>" not in page
-    assert json.loads(to_json(report))["variants"][-1]["paper"] is None
+    assert json.loads(to_json(report))["rows"][-1]["paper"] is None
     assert variant_title("untitled", "real") == "untitled"
     assert variant_title("mine", "stand-in", "C + real + wide") == "C + stand-in + wide"
 
@@ -164,7 +164,7 @@ def test_a_missing_figure_is_named(report: AblationReport):
 
 def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
     content = json.loads(to_json(report))
-    d = content["variants"][1]
+    d = content["rows"][1]
     assert d["metrics"]["mAP"] == 0.8121 and d["metrics"]["yaw_deg"] is None
     assert d["paper"]["yaw_deg"] == 5.30 and d["training_images"] == 900
     assert content["silhouette"]["mine"]["stand-in/clear"]["iou"] is None

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +10,8 @@ import pytest
 from shaftpose.errors import InputError
 from shaftpose.evaluation.binned_errors import BINS, ErrorBin
 from shaftpose.evaluation.common_instruments import FoundInstruments
+from shaftpose.handovers import RealFacts
+from shaftpose.json_files import write_json
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow
 from shaftpose.report.report import to_json
 from studies import write_results_page as results_page
@@ -58,7 +60,7 @@ def record(
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
     }  # fmt: skip
-    mixed_in = {"domain": real, "images": 2, "digest": f"{real} images"} if real else None
+    mixed_in = RealFacts(real, 2, f"{real} images") if real else None
     return TrainingRecord(
         trained, recipe, {"noise": noise}, data, mixed_in, bins, found, validation_curves(curves)
     )
@@ -156,17 +158,19 @@ def test_without_a_repeated_training_nothing_is_judged():
     assert changes([several("c", 5.0), several("d", 4.0)]) == {}
 
 
-def test_a_record_is_read_as_it_was_written():
+def test_a_record_is_read_as_it_was_written(tmp_path: Path):
     one = record(row(8, mAP=0.7))
     assert one.curves == [(9, "validation/mAP", 0.25)]
-    assert read_record(json.loads(json.dumps(one.as_plain())), "d.json") == one
+    write_json(tmp_path / "d.json", asdict(one))
+    assert read_record(tmp_path / "d.json") == one
 
 
-def test_a_record_without_settings_is_refused():
-    content = record(row(8)).as_plain()
+def test_a_record_without_settings_is_refused(tmp_path: Path):
+    content = asdict(record(row(8)))
     del content["recipe"]
-    with pytest.raises(InputError, match=r"^d\.json: of another version.*'recipe'.*record the"):
-        read_record(content, "d.json")
+    write_json(tmp_path / "d.json", content)
+    with pytest.raises(InputError, match=r"d\.json: of another version.*\(recipe: .*record the"):
+        read_record(tmp_path / "d.json")
 
 
 def page(*trainings: TrainingRecord, sweeps: dict[str, Table] | None = None) -> str:
@@ -287,12 +291,13 @@ def test_the_page_shows_benchmarks():
     assert "s:\n\n| a |\n| --- |\n| 1 |" in page()
 
 
-def test_the_recorded_report_is_read_as_it_was_written():
+def test_the_recorded_report_is_read_as_it_was_written(tmp_path: Path):
     rows = [row(7, mAP=0.5), repeated([row(7, "c", mAP=0.1), row(8, "c", mAP=0.3)])]
     report = AblationReport(
         rows, {"mAP": 0.0}, {}, "stand-in", Champion("d", "the best one"), "smoke"
     )
-    assert results_page.read_report(json.loads(to_json(report))) == report
+    write_json(tmp_path / "reports/ablation.json", json.loads(to_json(report)))
+    assert results_page.report_of(tmp_path) == report
 
 
 @pytest.mark.parametrize("content", ["{", "{}"])

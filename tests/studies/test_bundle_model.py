@@ -1,7 +1,7 @@
 """Bundling of a finished training's model with the package."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,8 @@ from studies import bundle_model
 from studies.model_comparison import Comparison
 from studies.model_frames import complaints
 from tests.conftest import BOXES, SIDE
-from tests.studies.test_evaluate_trainings import TRAINING, write_training
+from tests.evaluations import TRAINING, accuracy, evaluation, with_real
+from tests.studies.test_evaluate_trainings import edit, write_training
 
 POSES = {"x_mm": [-20.0, 20.0], "pitch_deg": [50.0, 90.0]}
 # `constant_model` predicts x = 1 mm, in the same box.
@@ -52,18 +53,18 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """The folder of an evaluated training, in a project with its data."""
     monkeypatch.chdir(tmp_path)
     write_data(tmp_path)
-    facts = TRAINING | {"data": rendered_digest(), "recipe": TRAINING["recipe"] | {"poses": POSES}}
-    folder = write_training(tmp_path, facts)
+    trained = with_real("stand-in")
+    trained = replace(
+        trained,
+        data=replace(trained.data, digest=rendered_digest()),
+        recipe={**trained.recipe, "poses": POSES},
+    )
+    # The best detection is right in four of five images.
+    found = evaluation("D + noise + real", trained, accuracy=accuracy(mAP=0.8))
+    folder = write_training(tmp_path, found)
     store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     constant_model.rename(folder / "model.onnx")
-    # The best detection is right in four of five images.
-    edit(folder / "evaluation.json", metrics={"mAP": 0.8}, fitted=None)
     return folder
-
-
-def edit(path: Path, **values: Any) -> None:
-    """Change values of a JSON file."""
-    path.write_text(json.dumps(json.loads(path.read_text()) | values))
 
 
 def bundle(training: Path) -> Path:
@@ -132,12 +133,12 @@ def test_a_training_without_results_is_refused(training: Path) -> None:
 
 
 def test_results_of_another_training_are_refused(training: Path) -> None:
-    edit(training / "evaluation.json", training=TRAINING | {"training_id": "fedc"})
+    edit(training / "evaluation.json", training=asdict(replace(TRAINING, training_id="fedc")))
     refused(training, r"evaluation\.json: belongs to another training than")
 
 
 def test_results_of_another_model_are_refused(training: Path) -> None:
-    edit(training / "evaluation.json", metrics={"mAP": 0.81})
+    edit(training / "evaluation.json", accuracy=asdict(accuracy(mAP=0.81)))
     refused(training, r"model\.onnx: has a mAP of 0\.800, but 0\.810 was recorded")
 
 

@@ -31,7 +31,7 @@ def test_the_best_of_the_papers_variants_stands_below_the_papers_best() -> None:
 
 
 def test_e_is_shown_with_fitted_poses() -> None:
-    rows = [*ROWS, row("e", 0.99, "E"), row("e_fitted", 0.98, "E + fit")]
+    rows = [*ROWS, row("e", 0.99, "E"), row("e+fit", 0.98, "E + fit")]
     lines = table(replace(REPORT, rows=rows)).splitlines()
     assert lines[3:5] == [
         "| D, ours | 0.900 | 0.900 | 1.50 | n/a | 1.25 | n/a | n/a |",

@@ -2,9 +2,8 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,16 +17,20 @@ from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.deployment.refinement.bound import pose_bound
 from shaftpose.evaluation.average_precision import PrecisionRecall, precision_recall
-from shaftpose.evaluation.binned_errors import as_plain, binned_errors
+from shaftpose.evaluation.binned_errors import binned_errors
 from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.metrics import Metrics, evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
+from shaftpose.evaluation.results import Accuracy, Evaluation
 from shaftpose.figures.accuracy_figures import (
     error_over_bound_figure,
     pose_error_figure,
     precision_recall_figure,
 )
+from shaftpose.handovers import FITTED, TrainingFacts
+from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.parts import PoseRanges
+from shaftpose.settings.tree import Settings
 
 DRAWN_IMAGES, COLUMNS = 12, 4
 
@@ -76,44 +79,53 @@ class ModelResults:
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
         return prediction_sheet(list(rgb), known, found, list(cameras), COLUMNS)
 
-    def validation(self) -> dict[str, float | int | None]:
+    def validation(self) -> Metrics:
         """The metrics on the validation images."""
         keys = read_keys(Path("data/split"), "validation")
         found, known = predict_shards(self.predictor, self.shards, keys)
-        return evaluate(found, known, self.confidence).as_dict()
+        return evaluate(found, known, self.confidence)
 
-    def for_report(self, ranges: PoseRanges) -> dict[str, Any]:
-        """The values for the report, as JSON holds them."""
+    def accuracy(self, ranges: PoseRanges) -> Accuracy:
+        """The values for the report; ranges: from which poses are drawn."""
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
         visible = np.array(fractions)
-        return {
-            "metrics": self.metrics.as_dict(),
-            "binned_errors": as_plain(binned_errors(self.errors, visible, ranges)),
-            "found": asdict(found_instruments(self.errors, len(visible))),
-            "precision_recall": {name: v.tolist() for name, v in vars(self.curve).items()},
-        }
+        return Accuracy(
+            metrics=self.metrics,
+            binned_errors=binned_errors(self.errors, visible, ranges),
+            found=found_instruments(self.errors, len(visible)),
+            precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
+        )
 
 
-def for_report(
-    ranges: PoseRanges, alone: ModelResults, fitted: ModelResults | None = None
-) -> dict[str, Any]:
-    """The values for the report of a network and, as `fitted`, of its fitted poses; as
-    `validation`, metrics on the validation images, with the fit if there is one."""
-    return alone.for_report(ranges) | {
-        "fitted": fitted and fitted.for_report(ranges),
-        "validation": (fitted or alone).validation(),
-    }
+def evaluation(
+    settings: Settings,
+    training: TrainingFacts,
+    curves: Sequence[tuple[int, str, float]],
+    alone: ModelResults,
+    fitted: ModelResults | None = None,
+) -> Evaluation:
+    """The evaluation of a network and, if it has them, of its fitted poses."""
+    ranges = settings.rendering.poses
+    return Evaluation(
+        title=settings.variant.title,
+        training=training,
+        detection=as_plain(settings.detection),
+        accuracy=alone.accuracy(ranges),
+        fitted=None if fitted is None else fitted.accuracy(ranges),
+        validation=(fitted or alone).validation(),
+        curves=curves,
+    )
 
 
 def flat(alone: ModelResults, fitted: ModelResults | None = None) -> dict[str, float | int | None]:
     """The metrics of a network, and those of its fitted poses as `fitted/...`."""
     if fitted is None:
         return alone.metrics.as_dict()
-    added = {f"fitted/{name}": value for name, value in fitted.metrics.as_dict().items()}
+    added = {f"{FITTED}{name}": value for name, value in fitted.metrics.as_dict().items()}
     return alone.metrics.as_dict() | added
 
 
-def read_curves(path: Path) -> list[list[Any]]:
+def read_curves(path: Path) -> list[tuple[int, str, float]]:
     """The learning curves of a training, as rows of step, name, value."""
     with path.open(newline="") as stream:
-        return [[int(r["step"]), r["name"], float(r["value"])] for r in csv.DictReader(stream)]
+        return [(int(r["step"]), r["name"], float(r["value"])) for r in csv.DictReader(stream)]

@@ -1,7 +1,6 @@
 """Comparison of a model's poses, as silhouettes, with the masks of images (paper, Table II)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,10 @@ from shaftpose.core.instruments import Detections
 from shaftpose.dataset.silhouette_sets import MaskedImage
 from shaftpose.deployment.prediction import predict
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.evaluation.silhouette_iou import silhouette_score
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_score
+from shaftpose.handovers import FITTED
 
 DRAWN_IMAGES = 4  # of each set
-FITTED = "fitted/"  # prefix of the sets on which fitted poses were measured
 
 # Poses (N, 5) and a camera -> masks (N, H, W).
 Render = Callable[[NDArray[np.float64], Camera], Sequence[NDArray[np.bool_]]]
@@ -30,18 +29,19 @@ def compare_silhouettes(
     sets: Mapping[str, Sequence[MaskedImage]],
     confidence: float,
     picture: Path,
-) -> dict[str, dict[str, float]]:
+) -> dict[str, SilhouetteScore]:
     """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
     fitted poses; draws the first images of each set and the last predictor's poses."""
-    scores, drawn = dict[str, dict[str, float]](), list[Image]()
+    scores, drawn = dict[str, SilhouetteScore](), list[Image]()
     for prefix, predictor in zip(("", FITTED), predictors, strict=False):
         drawn = []
         for name, images in sets.items():
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
             known, masks = [image.known for image in images], [image.masks for image in images]
-            score = silhouette_score(found, known, masks, silhouettes, confidence)
-            scores[f"{prefix}{name}"] = asdict(score)
+            scores[f"{prefix}{name}"] = silhouette_score(
+                found, known, masks, silhouettes, confidence
+            )
             drawn += _drawn(images, silhouettes, name)
     write_jpeg(contact_sheet(drawn, columns=DRAWN_IMAGES), picture)
     return scores

@@ -1,7 +1,7 @@
 """Pose errors binned by depth, pitch, yaw and visible fraction."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,18 +51,6 @@ def binned_errors(
         "visible_fraction": visible_fractions[errors.instruments],
     }
     return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}
-
-
-def as_plain(bins: Mapping[str, Sequence[ErrorBin]]) -> dict[str, list[dict[str, float | None]]]:
-    """Plain values by quantity, ready for JSON; the inverse of `from_plain`."""
-    return {quantity: [asdict(one) for one in row] for quantity, row in bins.items()}
-
-
-def from_plain(
-    content: Mapping[str, Sequence[Mapping[str, float | None]]],
-) -> dict[str, list[ErrorBin]]:
-    """The inverse of `as_plain`."""
-    return {q: [ErrorBin(**one) for one in row] for q, row in content.items()}  # type: ignore[arg-type]
 
 
 def _edges(name: str, ranges: PoseRanges) -> list[float]:

@@ -4,13 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from shaftpose.errors import InputError
+from shaftpose.evaluation.results import Evaluation
 from shaftpose.report.paper_tables import TABLE_I
 
 STAND_IN = "stand-in"
-FIT = "_fitted"  # ends the names of rows of fitted poses
+FIT = "+fit"  # ends the names of rows of fitted poses
 REAL = "real"
 
 MetricValues = Mapping[str, float | int | None]
@@ -89,25 +89,25 @@ class AblationReport:
         return variant_title(variant, self.domain_label, own.get(variant, ""))
 
 
-def variant_row(name: str, result: Mapping[str, Any]) -> VariantRow:
-    """The table row of one variant, from the plain values that its evaluation wrote."""
-    training, metrics = result["training"], result["metrics"]
-    size = training["recipe"]["size"]
+def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
+    """The table row of one variant, with the accuracy of its network's own poses."""
+    training, metrics = evaluation.training, evaluation.accuracy.metrics
+    size, real = training.recipe["size"], training.data.real
     return VariantRow(
         variant=name,
-        title=result["title"],
-        metrics=metrics,
-        training_images=training["training_images"],
-        test_images=metrics["images"],
-        steps=training["steps"],
-        batch_size=training["batch_size"],
-        width=training["width"],
-        depth=training["depth"],
+        title=evaluation.title,
+        metrics=metrics.as_dict(),
+        training_images=training.data.training_images,
+        test_images=metrics.images,
+        steps=training.steps,
+        batch_size=size["batch_size"],
+        width=size["width"],
+        depth=size["depth"],
         optimizer=size["optimizer"],
-        detector_steps=size["detector_steps"] if training["variant"]["start"] else 0,
-        seeds=(training["seed"],),
-        parameters=training["parameters"],
-        mixed_in_images=training["real"]["images"] if training["real"] else 0,
+        detector_steps=size["detector_steps"] if training.variant["start"] else 0,
+        seeds=(training.seed,),
+        parameters=training.parameters,
+        mixed_in_images=real.images if real else 0,
     )
 
 

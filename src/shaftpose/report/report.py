@@ -60,8 +60,8 @@ def to_json(report: AblationReport) -> str:
         "champion": asdict(report.champion),
         "profile": report.profile,
         "domain_label": report.domain_label,
-        "variants": [_json_row(row, report.domain_label) for row in report.rows],
-        "constant_predictor": _finite(report.constant),
+        "rows": [_json_row(row, report.domain_label) for row in report.rows],
+        "constant": _finite(report.constant),
         "silhouette": {
             variant: {name: _finite(score) for name, score in sets.items()}
             for variant, sets in report.silhouette.items()

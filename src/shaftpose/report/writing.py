@@ -2,8 +2,8 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -13,17 +13,19 @@ from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.evaluation.average_precision import PrecisionRecall
-from shaftpose.evaluation.binned_errors import from_plain
 from shaftpose.evaluation.metrics import constant_predictor
+from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore
 from shaftpose.figures.accuracy_figures import precision_recall_figure
 from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.files import new_file
-from shaftpose.json_files import read_domain, read_result
+from shaftpose.handovers import FITTED, read_domain, read_handover
 from shaftpose.report.ablation import (
     FIT,
     AblationReport,
     Champion,
+    MetricValues,
     VariantRow,
     choose_champion,
     variant_row,
@@ -41,41 +43,42 @@ LEARNING_CURVES = (
     "validation/mAP", "validation/detected_rate", "validation/tip_mm",
 )  # fmt: skip
 
-FITTED = "fitted/"  # prefix of the image sets on which fitted poses were measured
-
-Results = Mapping[str, dict[str, Any]]  # variant -> results of `evaluate`
+Evaluations = Mapping[str, Evaluation]  # by variant
 
 
-def read_results(folder: Path, variants: Sequence[str]) -> dict[str, dict[str, Any]]:
+def read_evaluations(folder: Path, variants: Sequence[str]) -> dict[str, Evaluation]:
     """The results of `evaluate`, by variant. Raises InputError naming a file that is missing."""
-    return {name: read_result(folder / name / "evaluation.json", "evaluate") for name in variants}
+    remedy = "run `dvc repro evaluate`"
+    return {
+        name: read_handover(folder / name / "evaluation.json", Evaluation, remedy)
+        for name in variants
+    }
 
 
-def with_fits(results: Results) -> dict[str, dict[str, Any]]:
-    """The results, those of fitted poses behind those of their network, as `NAME_fitted`."""
+def with_fits(evaluations: Evaluations) -> dict[str, Evaluation]:
+    """The evaluations, those of fitted poses behind those of their network, as `NAME+fit`."""
     rows = {}
-    for name, result in results.items():
-        rows[name] = result
-        if result["fitted"]:
-            title = f"{result['title']} + fit"
-            rows[f"{name}{FIT}"] = result | result["fitted"] | {"title": title}
+    for name, one in evaluations.items():
+        rows[name] = one
+        if one.fitted:
+            title = f"{one.title} + fit"
+            rows[f"{name}{FIT}"] = replace(one, title=title, accuracy=one.fitted, fitted=None)
     return rows
 
 
-def read_silhouettes(
-    folder: Path, variants: Sequence[str]
-) -> dict[str, dict[str, dict[str, float | None]]]:
+def read_silhouettes(folder: Path, variants: Sequence[str]) -> dict[str, dict[str, MetricValues]]:
     """The results of `evaluate_real` by variant and set, those of fitted poses as in `with_fits`.
 
     Raises InputError naming a file that is missing.
     """
-    rows: dict[str, dict[str, dict[str, float | None]]] = {}
+    rows: dict[str, dict[str, MetricValues]] = {}
+    kind, remedy = dict[str, SilhouetteScore], "run `dvc repro evaluate_real`"
     for name in variants:
-        scores = read_result(folder / name / "silhouette.json", "evaluate_real")
+        scores = read_handover(folder / name / "silhouette.json", kind, remedy)
         for images, score in scores.items():
             fitted = images.startswith(FITTED)
             row = rows.setdefault(f"{name}{FIT}" if fitted else name, {})
-            row[images.removeprefix(FITTED)] = score
+            row[images.removeprefix(FITTED)] = asdict(score)
     return rows
 
 
@@ -86,12 +89,12 @@ def write_report(
 
     folder: results of all variants; margin: see `choose_champion`.
     """
-    results, domain = read_results(folder, variants), read_domain()
-    rows = [variant_row(name, result) for name, result in with_fits(results).items()]
+    evaluations, domain = read_evaluations(folder, variants), read_domain()
+    rows = [variant_row(name, one) for name, one in with_fits(evaluations).items()]
     champion = choose_champion(
         {
-            f"{name}{FIT}" if result["fitted"] else name: result["validation"]
-            for name, result in results.items()
+            f"{name}{FIT}" if one.fitted else name: one.validation.as_dict()
+            for name, one in evaluations.items()
         },
         margin,
     )
@@ -105,7 +108,7 @@ def write_report(
         domain_label=domain,
         champion=champion,
         profile=profile,
-        figures=draw_figures(results, rows, constant, domain, out),
+        figures=draw_figures(evaluations, rows, constant, domain, out),
     )
     for suffix, form in {"md": to_markdown, "json": to_json, "html": to_html}.items():
         with new_file(out / f"ablation.{suffix}") as part:
@@ -123,25 +126,25 @@ def annotations(shards: ShardedDataset, part: str) -> list[Annotations]:
 
 
 def draw_figures(
-    results: Results,
+    evaluations: Evaluations,
     rows: list[VariantRow],
-    constant: dict[str, Any],
+    constant: MetricValues,
     domain: str,
     out: Path,
 ) -> dict[str, Path]:
     """Draw the report's figures; returns title -> file."""
-    trained, titled = titles(results, domain), titles(with_fits(results), domain)
+    trained, titled = titles(evaluations, domain), titles(with_fits(evaluations), domain)
     curves = {
         title: PrecisionRecall(
-            **{name: np.array(values) for name, values in result["precision_recall"].items()}
+            **{name: np.array(values) for name, values in one.accuracy.precision_recall.items()}
         )
-        for title, result in titled.items()
+        for title, one in titled.items()
     }
     learning = {
-        title: [[tuple(row) for row in result["curves"] if row[1] in LEARNING_CURVES]]
-        for title, result in trained.items()
+        title: [[row for row in one.curves if row[1] in LEARNING_CURVES]]
+        for title, one in trained.items()
     }
-    bins = {title: from_plain(result["binned_errors"]) for title, result in titled.items()}
+    bins = {title: one.accuracy.binned_errors for title, one in titled.items()}
     figures = {
         "Ablation": ablation_figure(rows, constant, domain),
         "Precision and recall": precision_recall_figure(curves),
@@ -155,6 +158,6 @@ def draw_figures(
     return paths
 
 
-def titles(results: Results, domain: str) -> dict[str, dict[str, Any]]:
-    """The results by the titles of their variants."""
-    return {variant_title(name, domain, one["title"]): one for name, one in results.items()}
+def titles(evaluations: Evaluations, domain: str) -> dict[str, Evaluation]:
+    """The evaluations by the titles of their variants."""
+    return {variant_title(name, domain, one.title): one for name, one in evaluations.items()}

@@ -4,33 +4,32 @@ import hashlib
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from shaftpose.core.shards import shard_paths
 from shaftpose.core.split_lists import PARTS, read_keys
 from shaftpose.dataset.coco import read_coco
 from shaftpose.errors import InputError
-from shaftpose.json_files import read_domain
+from shaftpose.handovers import DataFacts, RealFacts, read_domain
 
 
-def about_data(with_real: bool, start: Path | None) -> dict[str, Any]:
+def about_data(with_real: bool, start: Path | None) -> DataFacts:
     """The data of a training, including the real, or stand-in, images if they are mixed in.
 
     start: checkpoint of the detector to start from. Raises InputError if it is missing.
     """
     if start is not None and not start.is_file():
         raise InputError(f"{start}: no such detector to start from; run `dvc repro detector`")
-    return {
-        "start": None if start is None else _digest("", [start]),
-        "training_images": len(read_keys(Path("data/split"), "train")),
-        "data": rendered_digest(),
-        "real": _about_real() if with_real else None,
-    }
+    return DataFacts(
+        start=None if start is None else _digest("", [start]),
+        training_images=len(read_keys(Path("data/split"), "train")),
+        digest=rendered_digest(),
+        real=_about_real() if with_real else None,
+    )
 
 
-def _about_real() -> dict[str, Any]:
+def _about_real() -> RealFacts:
     images = read_coco(Path("data/real/train.json"))
-    return {"domain": read_domain(), "images": len(images), "digest": real_digest()}
+    return RealFacts(read_domain(), len(images), real_digest())
 
 
 def rendered_digest() -> str:

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from shaftpose.handovers import DataFacts
 from shaftpose.network.building import NetworkSettings
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.parts import (
@@ -98,12 +99,9 @@ def training_recipe(settings: Settings) -> Recipe:
     )
 
 
-def fingerprint(recipe: Recipe, data_facts: dict[str, Any]) -> str:
-    """Hexadecimal digest of all that determines a training: settings, code, packages and data.
-
-    data_facts: see `data_identity.about_data`.
-    """
-    described = [recipe.everything(), data_facts]
+def fingerprint(recipe: Recipe, data: DataFacts) -> str:
+    """Hexadecimal digest of all that determines a training: settings, code, packages and data."""
+    described = [recipe.everything(), asdict(data)]
     digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())

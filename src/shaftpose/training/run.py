@@ -5,6 +5,7 @@ import logging
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from lightning.pytorch.loggers import Logger
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.files import new_file
+from shaftpose.handovers import DataFacts, TrainingFacts
 from shaftpose.json_files import write_json
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.training.assembly import build_module, build_trainer, training_data
@@ -44,8 +46,8 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(recipe.seed, verbose=False)
     with_real, start = recipe.variant.real_share > 0, recipe.variant.start
-    data_facts = about_data(with_real, start)
-    identity = fingerprint(recipe, data_facts)
+    about = about_data(with_real, start)
+    identity = fingerprint(recipe, about)
     # Jobs of a sweep are trained and tracked by themselves, even if `models/` has their result.
     place = hashlib.sha256(str(out).encode()).hexdigest()[:8]
     folder = scratch / "training" / f"{identity}-{place}"
@@ -66,47 +68,34 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
         logger.info("training %s: %d steps of %d images", title, size.steps, size.batch_size)
         parameters = recipe.everything() | {
             "profile": profile,
-            "training_images": data_facts["training_images"],
+            "training_images": about.training_images,
             "torch": torch.__version__,
         }
-        with tracker(training_id, parameters, digests(data_facts)) as run_logger:
+        with tracker(training_id, parameters, digests(about)) as run_logger:
             trainer.loggers = [curves, run_logger]
             fit(trainer, module, data, folder)
         if trainer.global_step < size.steps:
             logger.info("ended by training.max_hours after %d steps", trainer.global_step)
         curves.write(folder / CURVES)
-        facts = {
-            "training_id": training_id,
-            "fingerprint": identity,
-            **data_facts,
-            **about_settings(recipe),
-            "skipped_images": len(skipped.complaints()),
-            "steps": trainer.global_step,
-            "parameters": sum(weight.numel() for weight in module.network.parameters()),
-        }
-        write_json(folder / FACTS, facts)
+        facts = TrainingFacts(
+            training_id=training_id,
+            fingerprint=identity,
+            seed=recipe.seed,
+            data=about,
+            variant=recipe.of_variant(),
+            recipe=recipe.common(),
+            skipped_images=len(skipped.complaints()),
+            steps=trainer.global_step,
+            parameters=sum(weight.numel() for weight in module.network.parameters()),
+        )
+        write_json(folder / FACTS, asdict(facts))
     deliver(folder, out)
     logger.info("checkpoint and learning curves are in %s", out)
 
 
-def digests(data_facts: dict[str, Any]) -> dict[str, str]:
+def digests(data: DataFacts) -> dict[str, str]:
     """The digests of rendered and of real training images, for the tracked run."""
-    found = {"digest": data_facts["data"]}
-    if data_facts["real"]:
-        found["real_digest"] = data_facts["real"]["digest"]
-    return found
-
-
-def about_settings(recipe: Recipe) -> dict[str, Any]:
-    """The settings by which a training's result is compared, besides the data."""
-    return {
-        "batch_size": recipe.size.batch_size,
-        "width": recipe.size.width,
-        "depth": recipe.size.depth,
-        "seed": recipe.seed,
-        "variant": recipe.of_variant(),
-        "recipe": recipe.common(),
-    }
+    return {"digest": data.digest} | ({"real_digest": data.real.digest} if data.real else {})
 
 
 def is_finished(folder: Path) -> bool:

@@ -1,0 +1,38 @@
+"""The results of an evaluation, as `evaluation.json` holds them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from shaftpose.evaluation.binned_errors import ErrorBin
+from shaftpose.evaluation.common_instruments import FoundInstruments
+from shaftpose.evaluation.metrics import Metrics
+from shaftpose.handovers import TrainingFacts
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Accuracy on the test images; precision_recall: the fields of `PrecisionRecall` as lists."""
+
+    metrics: Metrics
+    binned_errors: Mapping[str, Sequence[ErrorBin]]
+    found: FoundInstruments
+    precision_recall: Mapping[str, Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A trained variant on the test images.
+
+    accuracy: of the network's own poses; fitted: of its fitted poses, None without a fit.
+    validation: metrics on the validation images, with the fit if there is one. detection: its
+    settings. curves: rows of step, name and value.
+    """
+
+    title: str
+    training: TrainingFacts
+    detection: Mapping[str, Any]
+    accuracy: Accuracy
+    fitted: Accuracy | None
+    validation: Metrics
+    curves: Sequence[tuple[int, str, float]]

@@ -1,0 +1,65 @@
+"""The evaluation of a training, in miniature."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from shaftpose.evaluation.binned_errors import binned_errors
+from shaftpose.evaluation.common_instruments import found_instruments
+from shaftpose.evaluation.metrics import Metrics
+from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.evaluation.results import Accuracy, Evaluation
+from shaftpose.handovers import DataFacts, RealFacts, TrainingFacts
+from shaftpose.settings.parts import PoseRanges
+
+RANGES = PoseRanges(
+    x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
+)
+POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
+ERRORS = errors_between(POSES + 1, POSES)
+METRICS = Metrics(
+    mAP=0.5, detected_rate=0.5, **ERRORS.means(), images=20, instruments=3, detections=1,
+    confidence=0.5,
+)  # fmt: skip
+SIZE = {"optimizer": "muon", "detector_steps": 5, "batch_size": 4, "width": 0.125, "depth": 0.25}
+TRAINING = TrainingFacts(
+    training_id="0123456789abcdef",
+    fingerprint="0011223344556677",
+    seed=7,
+    data=DataFacts("aabb", 90, "0123456789abcdef", None),
+    variant={"noise": 10, "start": True},
+    recipe={"loss": {"alpha": 0.5}, "size": SIZE},
+    skipped_images=0,
+    steps=10,
+    parameters=1000,
+)
+
+
+def with_real(domain: str) -> TrainingFacts:
+    """The training with two images of the domain mixed in."""
+    real = RealFacts(domain, 2, "fedcba9876543210")
+    return replace(TRAINING, data=replace(TRAINING.data, real=real))
+
+
+def accuracy(**metrics: Any) -> Accuracy:
+    """One of three instruments, found 1 mm and 1 deg off, with the given metrics."""
+    return Accuracy(
+        metrics=replace(METRICS, **metrics),
+        binned_errors=binned_errors(ERRORS, np.ones(1), RANGES),
+        found=found_instruments(ERRORS, 3),
+        precision_recall={"recall": [0.5], "precision": [1.0], "scores": [0.9]},
+    )
+
+
+def evaluation(title: str, training: TrainingFacts = TRAINING, **changed: Any) -> Evaluation:
+    """An evaluation without a fit."""
+    return Evaluation(
+        title=title,
+        training=training,
+        detection={"nms_iou": 0.45},
+        accuracy=changed.pop("accuracy", accuracy()),
+        fitted=changed.pop("fitted", None),
+        validation=replace(METRICS, mAP=0.2, tip_mm=None),
+        curves=[(1, "training/box", 1.0), (1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)],
+    )
