@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from shaftpose.cli import main
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
+from shaftpose.core.refinement import Refinement
 from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from shaftpose.deployment import bundled
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.deployment.refinement.refiner import Refinement
+from tests.inference.test_calibration import PINHOLE
 from tests.inference.videos import read_greys, write_video
 
 Places = list[tuple[int, int]]
@@ -326,10 +327,16 @@ def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_check_says_what_prediction_needs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["check"])
-    assert "this machine can predict" in capsys.readouterr().out
+    # A square of 2 atan(240 / 240), of which the model sees 2 atan(1.091), and less of its width.
+    calibration = tmp_path / "cam.yaml"
+    calibration.write_text(PINHOLE)
+    main(["check", "--camera", str(calibration)])
+    printed = capsys.readouterr().out
+    assert "this machine can predict" in printed
+    assert "camera: fills 92% of the view of the bundled model, 95 deg; to train" in printed
+    assert "set camera.view_deg to 90.0\n" in printed
     monkeypatch.setitem(sys.modules, "tqdm", None)
     with pytest.raises(SystemExit, match="^error: cannot predict here: packages; see"):
         main(["check"])

@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from typing import get_args
 
+from shaftpose.core.refinement import Refinement
 from shaftpose.errors import InputError
 
 _INTERRUPTED = 130  # the shells' status for Ctrl-C
@@ -65,7 +67,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", type=Path, help="ONNX file (the package's own model)")
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
-        "--refine", choices=("none", "mask", "edges"), default="edges",
+        "--refine", choices=get_args(Refinement), default="edges",
         help="what poses are fitted to, if the model has a mask (edges: the mask, then the edges)",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
@@ -96,6 +98,10 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
 
 
+def _add_check(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
+
+
 def _add_nothing(parser: argparse.ArgumentParser) -> None:
     """The command has no options."""
 
@@ -123,9 +129,9 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         _add_show,
     ),
     "check": (
-        "test whether this machine can predict",
-        "example: shaftpose check",
-        _add_nothing,
+        "test whether this machine can predict, and what a camera sees",
+        "example: shaftpose check --camera cam.yaml",
+        _add_check,
     ),
 }
 

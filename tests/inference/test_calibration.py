@@ -25,6 +25,14 @@ distortion_coefficients: !!opencv-matrix
    data: [ -2.5e-01, 0, 1, 0., 0.125 ]
 """
 
+PINHOLE = """%YAML:1.0
+---
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, dt: d, data: [240, 0, 319.5, 0, 240, 239.5, 0, 0, 1]}
+distortion_coefficients: {rows: 5, cols: 1, dt: d, data: [0, 0, 0, 0, 0]}
+"""
+
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
@@ -105,3 +113,25 @@ def test_rays_beyond_the_fold_of_a_distortion_are_moved_to_it() -> None:
     assert barrel.image_px(np.array([[0.0, 5.0]]))[0] == pytest.approx(
         [200, 150 + 150 * 1.217], abs=0.1
     )
+
+
+@pytest.mark.parametrize("view_deg", [60.0, 95.0, 120.0])
+def test_a_centred_pinhole_sees_the_whole_of_its_square(view_deg: float) -> None:
+    camera = Calibration.pinhole(640, 480, view_deg)
+    assert camera.widest_view_deg() == pytest.approx(view_deg, abs=0.02)
+
+
+def test_an_axis_off_the_centre_narrows_the_view() -> None:
+    """The nearest border is 100 px from the axis: an angle of 2 atan(100 / 200)."""
+    matrix = np.array([[200.0, 0, 99.5], [0, 200, 239.5], [0, 0, 1]])
+    camera = Calibration(640, 480, matrix, np.zeros(0))
+    assert camera.widest_view_deg() == pytest.approx(53.13, abs=0.02)
+
+
+def test_barrel_distortion_widens_the_view() -> None:
+    """The middle of a side is distorted less than its ends, and leaves the frame first: where
+    f t (1 + k1 t^2) is half of the side."""
+    matrix = np.array([[400.0, 0, 239.5], [0, 400, 239.5], [0, 0, 1]])
+    camera = Calibration(480, 480, matrix, np.array([-0.1, 0, 0, 0]))
+    tangent = np.tan(np.radians(camera.widest_view_deg() / 2))
+    assert tangent * (1 - 0.1 * tangent**2) == pytest.approx(240 / 400, abs=2e-4)

@@ -1,4 +1,4 @@
-"""`shaftpose check`: whether this machine has what prediction needs.
+"""`shaftpose check`: whether this machine has what prediction needs, and suits a camera.
 
 Imports packages only while it checks them: a broken one is a finding.
 """
@@ -17,13 +17,15 @@ _PACKAGES = ("numpy", "cv2", "onnxruntime", "tqdm")
 _SPEED_RUNS = 10
 
 
-def run(_options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> None:
     """Print each finding. Raises InputError if prediction would fail."""
     print(f"python: {platform.python_version()}, {platform.platform()}")
     print(f"processor: {processor()}, {os.cpu_count()} cores")
     failed = [name for name, check in _CHECKS.items() if not _passes(name, check)]
     if failed:
         raise InputError(f"cannot predict here: {', '.join(failed)}; see the lines above")
+    if options.camera is not None:
+        print(f"camera: {camera(options.camera)}")
     print("this machine can predict; for rendering and training: tools/check_system.py in a clone")
 
 
@@ -74,6 +76,24 @@ def model() -> str:
     predictor = Predictor(bundled_model())
     image = np.zeros((predictor.side_px, predictor.side_px, 3), dtype=np.uint8)
     return f"intact, {predictor.frames_per_second(image, _SPEED_RUNS):.0f} images per second"
+
+
+def camera(path: Path) -> str:
+    """What a calibrated camera sees of the bundled model's view, and the setting to train for it.
+
+    Raises InputError naming the file if it is no calibration.
+    """
+    from shaftpose.deployment.bundled import bundled_model
+    from shaftpose.deployment.predictor import Predictor
+    from shaftpose.inference.calibration import read_calibration
+    from shaftpose.inference.views import Resampled
+
+    calibration, predictor = read_calibration(path), Predictor(bundled_model())
+    covered = Resampled(calibration, predictor.camera).covered
+    return (
+        f"fills {covered:.0%} of the view of the bundled model, {predictor.facts.view_deg:g} deg; "
+        f"to train for this camera, set camera.view_deg to {calibration.widest_view_deg():.1f}"
+    )
 
 
 _CHECKS = {"packages": packages, "videos": videos, "bundled model": model}

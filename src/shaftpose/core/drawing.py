@@ -18,10 +18,10 @@ Colour = tuple[int, int, int]
 # Okabe and Ito's palette, safe for colour-blind readers.
 TRUTH: Colour = (0, 158, 115)
 FOUND: Colour = (240, 228, 66)
-_LINE_PX = 19  # an outlined line of text is 18 px high, 7 px of it below the baseline
+LINE_PX = 19  # an outlined line of text is 18 px high, 7 px of it below the baseline
 _SHORTEST_VIEW_MM = 3.0  # the drawn axis ends before the camera's plane
 _AXIS_MM, _AXIS_STEPS = 150.0, 150  # enough for a smooth curve under lens distortion
-_SUBPIXEL_BITS = 4
+SUBPIXEL_BITS = 4
 
 
 def draw_sample(shards: ShardedDataset, key: str) -> Image:
@@ -88,19 +88,19 @@ def draw_poses(
     """The image with tip and projected axis of poses (N, 5) and, if `text`, their numbers."""
     drawn = image.copy()
     for row, pose in enumerate(poses):
-        axis = _grid(camera.project(_axis_mm(ShaftPose.from_array(pose))))
-        cv2.polylines(drawn, [axis], False, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
-        radius = 3 << _SUBPIXEL_BITS
-        cv2.circle(drawn, axis[0].tolist(), radius, colour, 1, cv2.LINE_AA, _SUBPIXEL_BITS)
+        axis = subpixel_grid(camera.project(_axis_mm(ShaftPose.from_array(pose))))
+        cv2.polylines(drawn, [axis], False, colour, 1, cv2.LINE_AA, SUBPIXEL_BITS)
+        radius = 3 << SUBPIXEL_BITS
+        cv2.circle(drawn, axis[0].tolist(), radius, colour, 1, cv2.LINE_AA, SUBPIXEL_BITS)
         if text:
-            _write(drawn, pose_text(pose), (4, image.shape[0] - 8 - _LINE_PX * row), colour)
+            write_text(drawn, pose_text(pose), (4, image.shape[0] - 8 - LINE_PX * row), colour)
     return drawn
 
 
 def draw_caption(image: Image, text: str) -> Image:
     """The image with a line of white text in its upper left corner."""
     drawn = image.copy()
-    _write(drawn, text, (4, 15), (255, 255, 255))
+    write_text(drawn, text, (4, 15), (255, 255, 255))
     return drawn
 
 
@@ -134,16 +134,20 @@ def _axis_mm(pose: ShaftPose) -> NDArray[np.float64]:
     return tip + np.linspace(0, length, _AXIS_STEPS + 1)[:, None] * pose.direction
 
 
-def _grid(points: NDArray[np.float64]) -> NDArray[np.int32]:
+def subpixel_grid(points: NDArray[np.float64]) -> NDArray[np.int32]:
     """Pixels (N, 2) in OpenCV's fixed-point grid, whose origin is the first pixel's centre."""
     near = np.clip(points - 0.5, -1e4, 1e4)  # OpenCV's range is limited
-    return np.rint(near * (1 << _SUBPIXEL_BITS)).astype(np.int32)
+    return np.rint(near * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
 
-def _write(image: Image, text: str, origin: tuple[int, int], colour: Colour) -> None:
-    """Write text with a dark outline, readable on any background. Its thin strokes are lighter
-    than lines of the same colour."""
-    font = cv2.FONT_HERSHEY_SIMPLEX
+def write_text(
+    image: Image, text: str, origin: tuple[int, int], colour: Colour, scale: float = 1.0
+) -> None:
+    """Write text with a dark outline, readable on any background, in place. Its thin strokes are
+    lighter than lines of the same colour. scale: 1 for lines of `LINE_PX`."""
     light = tuple((channel + 255) // 2 for channel in colour)
-    for shade, thickness in (((0, 0, 0), 3), (light, 1)):
-        cv2.putText(image, text, origin, font, 0.4, shade, thickness, cv2.LINE_AA)
+    for shade, width in (((0, 0, 0), 3), (light, 1)):
+        cv2.putText(
+            image, text, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.4 * scale, shade,
+            max(round(width * scale), 1), cv2.LINE_AA,
+        )  # fmt: skip

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 # Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+_BORDER_RAYS = 101  # on each side of a square
+_TANGENT_STEP = 1e-4
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 
 
@@ -49,6 +51,24 @@ class Calibration:
             points, np.zeros(3), np.zeros(3), self.matrix, self.distortion
         )
         return np.asarray(pixels[:, 0] + 0.5, dtype=np.float64)
+
+    def widest_view_deg(self) -> float:
+        """The angle across the widest square that a camera without distortion, looking the same
+        way, could see in the frame."""
+        along, beside = np.linspace(-1, 1, _BORDER_RAYS), np.ones(_BORDER_RAYS)
+        sides = ((along, beside), (along, -beside), (beside, along), (-beside, along))
+        border = np.concatenate([np.column_stack(side) for side in sides])
+        low, high = 0.0, _WIDEST_TANGENT
+        while high - low > _TANGENT_STEP:
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._sees(middle * border) else (low, middle)
+        return float(np.degrees(2 * np.arctan(low)))
+
+    def _sees(self, rays: Array) -> bool:
+        """Whether the rays (N, 2) all lie in the frame."""
+        pixels, size = self.image_px(rays), np.array([self.width, self.height])
+        inside = np.all((pixels >= 0) & (pixels <= size))
+        return bool(inside and np.all(np.linalg.norm(rays, axis=1) <= self.valid_radius))
 
     @cached_property
     def valid_radius(self) -> float:

@@ -22,9 +22,10 @@ class VariantRow:
 
     `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
     each, empty for a single training. `width` and `depth` multiply the backbone's channels and
-    blocks; `detector_steps` are the steps of the detector that training started from, 0 for random
-    weights; `parameters` is the number of weights. `mixed_in_images` are real or stand-in training
-    images in addition to `training_images`. Only variants that the paper lacks need a `title`.
+    blocks, None for a network without the paper's backbone; `detector_steps` are the steps of the
+    detector that training started from, 0 for random weights; `parameters` is the number of
+    weights. `mixed_in_images` are real or stand-in training images in addition to
+    `training_images`. Only variants that the paper lacks need a `title`.
     """
 
     variant: str
@@ -33,8 +34,8 @@ class VariantRow:
     test_images: int
     steps: int
     batch_size: int
-    width: float
-    depth: float
+    width: float | None
+    depth: float | None
     optimizer: str
     detector_steps: int
     seeds: tuple[int, ...]
@@ -93,6 +94,7 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
     """The table row of one variant, with the accuracy of its network's own poses."""
     training, metrics = evaluation.training, evaluation.accuracy.metrics
     size, real = training.recipe["size"], training.data.real
+    scaled = "backbone" in training.variant["network"]
     return VariantRow(
         variant=name,
         title=evaluation.title,
@@ -101,8 +103,8 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
         test_images=metrics.images,
         steps=training.steps,
         batch_size=size["batch_size"],
-        width=size["width"],
-        depth=size["depth"],
+        width=size["width"] if scaled else None,
+        depth=size["depth"] if scaled else None,
         optimizer=size["optimizer"],
         detector_steps=size["detector_steps"] if training.variant["start"] else 0,
         seeds=(training.seed,),

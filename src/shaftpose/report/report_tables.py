@@ -139,8 +139,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             variant_title(row.variant, report.domain_label, row.title),
             *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
             str(row.batch_size),
-            f"{row.width:g}",
-            f"{row.depth:g}",
+            *(MISSING if scale is None else f"{scale:g}" for scale in (row.width, row.depth)),
             row.optimizer.capitalize(),
             show(row.detector_steps or None, 0),
             ", ".join(str(seed) for seed in row.seeds),
@@ -254,9 +253,9 @@ def _by_set(sets: Mapping[str, MetricValues], domain: str) -> dict[str, float | 
     }
 
 
-def _span(values: Iterable[float]) -> str:
+def _span(values: Iterable[float | None]) -> str:
     """A single value or a range, such as "900 to 1,100"."""
-    known = sorted(set(values))
+    known = sorted({value for value in values if value is not None})
     if not known:
         return MISSING
     return " to ".join(_plain(value) for value in dict.fromkeys((known[0], known[-1])))

@@ -7,6 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from shaftpose.core.refinement import Refinement
+
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -408,7 +410,7 @@ class DetectionSettings:
     nms_iou: Fraction
     max_detections: PositiveInt
     confidence_threshold: Fraction | None
-    refine: Literal["none", "mask", "edges"]
+    refine: Refinement
 
     def __post_init__(self) -> None:
         if self.max_detections > self.top_k:

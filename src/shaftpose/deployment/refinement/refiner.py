@@ -1,7 +1,6 @@
 """Refinement of all detections of an image by a fit to its mask and its edges."""
 
 from functools import partial
-from typing import Literal
 
 import cv2
 import numpy as np
@@ -9,13 +8,11 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
+from shaftpose.core.refinement import Refinement
 from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import image_gradients, image_offsets, mask_offsets
 from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
-
-# What poses are fitted to: nothing; the mask; the mask, then the edges of the image.
-Refinement = Literal["none", "mask", "edges"]
 
 _MASK_STAGES = tuple(
     Stage(*px) for px in ((12, 40), (10, 40), (10, 60), (9, 90), (8, 130), (7, 190), (6, 280))
