@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from shaftpose.farm.locks import alone_in
-from shaftpose.farm.scale_out import render_sets
+from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.bop_models import write_models
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.shapes import instrument_shape

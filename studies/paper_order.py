@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.report.ablation import VariantRow
-from shaftpose.report.paper_tables import TABLE_I
+from shaftpose.report.paper_numbers import TABLE_I
 
 # Variants before and after each step of the paper. The step to D + noise + real is left out: it is
 # meant for real images, and the paper's values on rendered ones hardly change.

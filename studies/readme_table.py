@@ -2,7 +2,7 @@
 
 from shaftpose.core.markdown import pipe_table
 from shaftpose.report.ablation import AblationReport
-from shaftpose.report.paper_tables import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
+from shaftpose.report.paper_numbers import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
 from shaftpose.report.report_tables import TABLE_I_METRICS, beside_paper, paper_cells
 from studies.page_tables import with_tables
 

@@ -27,7 +27,7 @@ def test_what_carries_values_and_errors_is_left_out() -> None:
 
 
 def test_imports_inside_functions_count() -> None:
-    assert "rendering/generator.py" in names("shaftpose.farm.worker")
+    assert "rendering/generator.py" in names("shaftpose.farm.blender_process")
 
 
 def test_several_modules_are_united_in_order() -> None:

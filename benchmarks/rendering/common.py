@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from shaftpose.backgrounds.library import write_backgrounds
 from shaftpose.core.background_index import read_library
-from shaftpose.farm.worker import start_generator
+from shaftpose.farm.blender_process import start_generator
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import by_path
 from shaftpose.settings.compose import composed_settings

@@ -15,8 +15,8 @@ from typing import Any
 from benchmarks.rendering.common import SCRATCH
 from shaftpose.core.shards import shard_name
 from shaftpose.errors import InputError
-from shaftpose.farm.jobs import write_set
-from shaftpose.farm.worker import IMAGE_DONE
+from shaftpose.farm.blender_process import IMAGE_DONE
+from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 
 EVERY = 50  # images between two measurements
@@ -45,7 +45,7 @@ def measure(rendered: RenderedSet, images: int, settled: int) -> dict[str, Any]:
 def _looks(shard: Shard) -> Iterator[dict[str, float]]:
     """The memory of a worker after every `EVERY` images of its shard."""
     arguments = [str(value) for value in (shard.path, shard.first, shard.count)]
-    command = [sys.executable, "-m", "shaftpose.farm.worker", *arguments]
+    command = [sys.executable, "-m", "shaftpose.farm.blender_process", *arguments]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
         images = 0

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.rendering.scenes import read_first_scenes
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.farm.jobs import read_set
+from shaftpose.farm.set_folder import read_set
 from shaftpose.rendering.blender import kelvin_to_rgb, lamp_places, room_half_mm, room_mesh
 from shaftpose.rendering.materials import GlowMaterial, SteelMaterial
 from shaftpose.rendering.meshes import Mesh

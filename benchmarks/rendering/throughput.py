@@ -13,7 +13,7 @@ from distributed import Client
 from benchmarks.rendering.common import SCRATCH, default_settings
 from shaftpose.core.shards import shard_paths
 from shaftpose.farm.cluster import connect
-from shaftpose.farm.scale_out import render_set
+from shaftpose.farm.render_sets import render_set
 from shaftpose.rendering.rendered_set import RenderedSet
 
 WORKERS = 2

@@ -1,4 +1,9 @@
-"""What stages hand to each other in small JSON files."""
+"""What stages hand to each other in small JSON files.
+
+`training.json` is a `TrainingFacts`, `evaluation.json` an `evaluation.results.Evaluation`, and
+`silhouette.json` holds the `SilhouetteScore` of each set of images. Lists of images are CSV files
+(`core.split_lists`), images shards (`core.shards`).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -20,7 +20,7 @@ from benchmarks.rendering.scenes import read_first_scenes
 from benchmarks.rendering.throughput import Block, summary
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
-from shaftpose.farm.jobs import write_set
+from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.rendering.set_plans import with_scene
@@ -105,7 +105,7 @@ WRITE_FIRST_SCENES = """
 import sys
 from pathlib import Path
 from benchmarks.rendering.scenes import write_first_scenes
-from shaftpose.farm.jobs import read_set
+from shaftpose.farm.set_folder import read_set
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 write_first_scenes(read_set(folder), count, folder)
 """
@@ -121,7 +121,7 @@ def test_the_plain_script_renders_the_scenes_of_our_images(
     )
     scenes = read_first_scenes(tmp_path)
     shard = Shard(tmp_path / shard_name(0), 0, IMAGES)
-    command = [sys.executable, "-m", "shaftpose.farm.worker", str(shard.path), "0", count]
+    command = [sys.executable, "-m", "shaftpose.farm.blender_process", str(shard.path), "0", count]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.wait()
     facts = map(ShardedDataset(tmp_path).facts, map(sample_key, range(IMAGES)))

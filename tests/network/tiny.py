@@ -4,9 +4,9 @@ import torch
 
 from shaftpose.network.heads import ArchitectureD
 from shaftpose.network.inception_v4 import InceptionV4Features
-from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.single_shot_loss import ShaftLoss
 from shaftpose.settings.parts import DetectionSettings
 
 LIMITS = DetectionSettings(

@@ -16,6 +16,7 @@ from shaftpose.network.dense_network import DenseNetwork
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.single_shot import SingleShotNetwork
 from shaftpose.settings.tree import check_variants
+from tests.evaluations import RANGES
 from tests.pipeline.conftest import ROOT, Run, recipe_with, settings_with
 
 VARIANTS = sorted(path.stem for path in (ROOT / "conf/variant").glob("*.yaml"))
@@ -75,13 +76,15 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
     ],
 )
 def test_symmetries_need_symmetric_ranges(ranges: str, allowed: bool) -> None:
-    mirrored = "variant.symmetries=true"
-    settings_with("profile=smoke", ranges)
-    if allowed:
-        settings_with("profile=smoke", ranges, mirrored)
-    else:
-        with pytest.raises(InputError, match=r"symmetries = True: .* leave poses"):
-            settings_with("profile=smoke", ranges, mirrored)
+    """Of the stage's own variant, and of all that will be trained."""
+    plain = ("profile=smoke", ranges, "variants=[d]")
+    settings_with(*plain)
+    for mirrored in ("variant.symmetries=true", "variants=[d,e]"):
+        if allowed:
+            settings_with(*plain, mirrored)
+        else:
+            with pytest.raises(InputError, match=r"symmetries = True: .* leave poses"):
+                settings_with(*plain, mirrored)
 
 
 def network(*overrides: str) -> SingleShotNetwork:
@@ -126,7 +129,7 @@ def test_variants_with_one_title_are_refused(tmp_path: Path) -> None:
     variant_file(tmp_path, "d", "d")
     variant_file(tmp_path, "mine", "d")
     with pytest.raises(InputError, match=r"^conf/variant/mine\.yaml: title = 'D': .*/d\.yaml has"):
-        check_variants(["d", "mine"], tmp_path)
+        check_variants(["d", "mine"], RANGES, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +143,7 @@ def test_variants_with_one_title_are_refused(tmp_path: Path) -> None:
 def test_a_variants_file_is_checked(changed: dict[str, object], says: str, tmp_path: Path) -> None:
     variant_file(tmp_path, "mine", "b", **changed)
     with pytest.raises(InputError, match=f"^conf/variant/mine.yaml.*{says}"):
-        check_variants(["mine"], tmp_path)
+        check_variants(["mine"], RANGES, tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
-from shaftpose.report import paper_tables
+from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
 from shaftpose.report.report import to_html, to_json, to_markdown
 
@@ -171,10 +171,10 @@ def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
 
 
 def test_paper_tables_hold_the_papers_numbers():
-    c, real = paper_tables.TABLE_I["c"], paper_tables.TABLE_I["d_noise_real"]
+    c, real = paper_numbers.TABLE_I["c"], paper_numbers.TABLE_I["d_noise_real"]
     assert (c.mAP, c.detected_rate, c.x_mm, c.yaw_deg) == (0.958, 0.937, 1.51, 13.58)
     assert (real.detected_rate, real.z_mm, real.pitch_deg) == (0.988, 0.77, 1.44)
-    assert paper_tables.TABLE_I["d"].fps == 30.4
-    assert paper_tables.TABLE_II["d_noise"]["real/occluded"].iou == 0.195
-    assert paper_tables.TABLE_II["d_noise_real"]["rendered/clear"].detected_rate == 0.950
-    assert "rendered/clear" not in paper_tables.TABLE_II["d_noise"]
+    assert paper_numbers.TABLE_I["d"].fps == 30.4
+    assert paper_numbers.TABLE_II["d_noise"]["real/occluded"].iou == 0.195
+    assert paper_numbers.TABLE_II["d_noise_real"]["rendered/clear"].detected_rate == 0.950
+    assert "rendered/clear" not in paper_numbers.TABLE_II["d_noise"]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from shaftpose.backgrounds.exposure import add_highlights, develop, expose, smoke
 from shaftpose.backgrounds.fluid import fill_hollows
-from shaftpose.backgrounds.light import scope_light
 from shaftpose.backgrounds.noise import Range, blurred
 from shaftpose.backgrounds.relief import SURFACES, Relief, make_relief
 from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
+from shaftpose.backgrounds.tissue_light import scope_light
 
 
 @dataclass(frozen=True)

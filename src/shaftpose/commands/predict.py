@@ -1,4 +1,4 @@
-"""`shaftpose predict`: poses of the shafts in images, videos and streams."""
+"""`shaftpose predict`: poses of the shafts in images, videos and streams (options: cli.py)."""
 
 import argparse
 import sys

@@ -18,7 +18,7 @@ from typing import IO
 from distributed import get_worker
 
 from shaftpose.errors import InputError
-from shaftpose.farm.worker import COMPLAINT, IMAGE_DONE, WARNING
+from shaftpose.farm.blender_process import COMPLAINT, IMAGE_DONE, WARNING
 from shaftpose.rendering.rendered_set import Shard, software
 
 _POLL_S = 0.5  # how soon a cancelled task is noticed
@@ -72,7 +72,7 @@ def render_shard(shard: Shard, run: Run) -> str:
 
 def _command(shard: Shard) -> list[str]:
     arguments = (shard.path, shard.first, shard.count)
-    return [sys.executable, "-m", "shaftpose.farm.worker", *map(str, arguments)]
+    return [sys.executable, "-m", "shaftpose.farm.blender_process", *map(str, arguments)]
 
 
 def run_blender(

@@ -8,7 +8,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealSample, write_coco
 from shaftpose.farm.cluster import connect
 from shaftpose.farm.locks import alone_in
-from shaftpose.farm.scale_out import render_set
+from shaftpose.farm.render_sets import render_set
 from shaftpose.rendering.stand_in_sets import stand_in_sets
 from shaftpose.settings.parts import ClusterSettings, RenderSettings, Size
 

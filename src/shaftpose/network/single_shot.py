@@ -9,9 +9,9 @@ from shaftpose.network.decoding import decode
 from shaftpose.network.default_boxes import BOXES_PER_CELL, clipped, default_boxes
 from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.inception_v4 import InceptionV4Features
-from shaftpose.network.loss import ShaftLoss
 from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.network.single_shot_loss import ShaftLoss
 from shaftpose.settings.parts import (
     CameraSettings,
     DetectionSettings,

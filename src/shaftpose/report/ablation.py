@@ -7,7 +7,7 @@ from pathlib import Path
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.report.paper_tables import TABLE_I
+from shaftpose.report.paper_numbers import TABLE_I
 
 STAND_IN = "stand-in"
 FIT = "+fit"  # ends the names of rows of fitted poses

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import COLOURS, SOFT, finish, legend, new_figure
-from shaftpose.report import paper_tables
+from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import MetricValues, VariantRow, variant_title
 
 ABLATION_PANELS = {
@@ -45,7 +45,7 @@ def _draw_ablation(
 ) -> None:
     values = [_number(row.metrics.get(name)) for row in rows]
     axes.barh(range(len(rows)), values, height=0.55, color=COLOURS[0], label="ours")
-    paper = [_number(getattr(paper_tables.TABLE_I.get(r.variant), name, None)) for r in rows]
+    paper = [_number(getattr(paper_numbers.TABLE_I.get(r.variant), name, None)) for r in rows]
     axes.plot(
         paper,
         range(len(rows)),

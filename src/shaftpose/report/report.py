@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined
 
 from shaftpose.core.markdown import escape, pipe_table
 from shaftpose.errors import InputError
-from shaftpose.report import paper_tables, report_tables
+from shaftpose.report import paper_numbers, report_tables
 from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow, variant_title
 from shaftpose.report.report_tables import MISSING, ComparedRow, show
 
@@ -68,12 +68,12 @@ def to_json(report: AblationReport) -> str:
         },
         "paper_silhouette": {
             variant: {name: asdict(pair) for name, pair in sets.items()}
-            for variant, sets in paper_tables.TABLE_II.items()
+            for variant, sets in paper_numbers.TABLE_II.items()
         },
         "paper_scale": {
-            "training_images": paper_tables.TRAINING_IMAGES,
-            "test_images": paper_tables.TEST_IMAGES,
-            "batch_size": paper_tables.BATCH_SIZE,
+            "training_images": paper_numbers.TRAINING_IMAGES,
+            "test_images": paper_numbers.TEST_IMAGES,
+            "batch_size": paper_numbers.BATCH_SIZE,
         },
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -115,7 +115,7 @@ def _domains(row: ComparedRow) -> str:
 
 
 def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:
-    paper = paper_tables.TABLE_I.get(row.variant)
+    paper = paper_numbers.TABLE_I.get(row.variant)
     return {
         **asdict(row),
         "title": variant_title(row.variant, domain_label, row.title),

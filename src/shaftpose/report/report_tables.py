@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
-from shaftpose.report import paper_tables
+from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
     REAL,
     STAND_IN,
@@ -153,11 +153,11 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
 def table_i_scale(report: AblationReport) -> list[str]:
     """Sentences on the scale of Table I, the paper's and ours."""
     rows = report.rows
-    share = max((row.training_images for row in rows), default=0) / paper_tables.TRAINING_IMAGES
+    share = max((row.training_images for row in rows), default=0) / paper_numbers.TRAINING_IMAGES
     notes = [
-        f"Paper: {paper_tables.TRAINING_IMAGES:,} artificial training images (and "
-        f"{paper_tables.REAL_TRAINING_IMAGES} real ones in D + noise + real), "
-        f"{paper_tables.TEST_IMAGES:,} test images, batch {paper_tables.BATCH_SIZE}; the number "
+        f"Paper: {paper_numbers.TRAINING_IMAGES:,} artificial training images (and "
+        f"{paper_numbers.REAL_TRAINING_IMAGES} real ones in D + noise + real), "
+        f"{paper_numbers.TEST_IMAGES:,} test images, batch {paper_numbers.BATCH_SIZE}; the number "
         "of steps is not stated. Its fps were measured on a Quadro GV100. Ours are a single "
         "reading with onnxruntime on a CPU, one image at a time, including decoding and, for E + "
         "fit, the fit; `make bench` measures the speed in repeated rounds.",
@@ -183,7 +183,7 @@ def _mixed_in(row: VariantRow, domain_label: str) -> str:
     title = variant_title(row.variant, domain_label, row.title)
     images = f"{row.mixed_in_images:,} {domain_label} images"
     sentence = f"{title}: {images} were mixed in with the rendered ones"
-    paper = paper_tables.TABLE_I.get(row.variant)
+    paper = paper_numbers.TABLE_I.get(row.variant)
     if domain_label == STAND_IN and paper:
         sentence += f"; the paper's {paper.title} has real ones"
     return f"{sentence}."
@@ -197,7 +197,7 @@ def table_ii_scale(report: AblationReport) -> list[str]:
         for name in ("images", "instruments")
     )
     notes = [
-        f"Paper: {paper_tables.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
+        f"Paper: {paper_numbers.SILHOUETTE_IMAGES} images in each cell. Ours: {images} images with "
         f"{instruments} instruments in each cell.",
         "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
         "estimated poses, per image, averaged over images; 0 if the network detects nothing. A "
@@ -231,14 +231,14 @@ def cells(
 
 def paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
     """The formatted values of the paper's row; None if it has no such row."""
-    if variant not in paper_tables.TABLE_I:
+    if variant not in paper_numbers.TABLE_I:
         return None
-    values = asdict(paper_tables.TABLE_I[variant])
-    return cells({**values, "training_images": paper_tables.TRAINING_IMAGES}, columns)
+    values = asdict(paper_numbers.TABLE_I[variant])
+    return cells({**values, "training_images": paper_numbers.TRAINING_IMAGES}, columns)
 
 
 def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:
-    sets = {name: asdict(pair) for name, pair in paper_tables.TABLE_II.get(variant, {}).items()}
+    sets = {name: asdict(pair) for name, pair in paper_numbers.TABLE_II.get(variant, {}).items()}
     values = _by_set(sets, domain)
     return cells(values, TABLE_II_COLUMNS) if values else None
 

@@ -16,6 +16,7 @@ from shaftpose.settings.parts import (
     ClusterSettings,
     DetectionSettings,
     LossSettings,
+    PoseRanges,
     RenderSettings,
     ReportSettings,
     Size,
@@ -102,8 +103,8 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
         },
         "params.yaml",
     )
-    check_symmetries(settings)
-    check_variants(settings.variants, root)
+    check_symmetries(settings.variant, settings.rendering.poses)
+    check_variants(settings.variants, settings.rendering.poses, root)
     return settings
 
 
@@ -144,24 +145,25 @@ def _keys(values: object, expected: set[str], where: str) -> Mapping[str, Any]:
     return values
 
 
-def check_symmetries(settings: Settings) -> None:
-    """Raise InputError if mirrored and rotated images would show poses outside `poses`."""
-    ranges = settings.rendering.poses
+def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
+    """Raise InputError if a variant's mirrored and rotated images would show poses outside the
+    ranges."""
     (low, high), (first, last) = ranges.x_mm, ranges.yaw_deg
     symmetric = ranges.x_mm == ranges.y_mm and low == -high and first == 0 and last > 350
-    if settings.variant.symmetries and not symmetric:
+    if variant.symmetries and not symmetric:
         raise InputError(
-            f"conf/variant/{settings.variant.name}.yaml: symmetries = True: mirrored and rotated "
+            f"conf/variant/{variant.name}.yaml: symmetries = True: mirrored and rotated "
             f"shafts leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
             f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn from 0, "
             "or set symmetries to false"
         )
 
 
-def check_variants(names: Sequence[str], root: Path) -> None:
+def check_variants(names: Sequence[str], ranges: PoseRanges, root: Path) -> None:
     """Check the files of variants.
 
-    Raises InputError if one learns no poses, or if two have the same name or title.
+    Raises InputError if one learns no poses or cannot be mirrored, or if two have the same name or
+    title.
     """
     named: dict[str, str] = {}
     for name in names:
@@ -171,6 +173,7 @@ def check_variants(names: Sequence[str], root: Path) -> None:
                 f"params.yaml: variants: {name!r}: learns no poses (its pose_loss is false); "
                 "remove it from the list: it is a detector for other variants to start from"
             )
+        check_symmetries(chosen, ranges)
         title = chosen.title
         if named.get(title) == name:
             raise InputError(f"params.yaml: variants: {name!r}: listed twice; remove one")

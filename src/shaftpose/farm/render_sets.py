@@ -12,8 +12,8 @@ from tqdm import tqdm
 
 from shaftpose.errors import InputError
 from shaftpose.farm.cluster import connect
-from shaftpose.farm.jobs import link_shards, write_set
 from shaftpose.farm.locks import alone_in
+from shaftpose.farm.set_folder import link_shards, write_set
 from shaftpose.farm.shard_task import Run, render_shard
 from shaftpose.files import naming_full_disk
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software

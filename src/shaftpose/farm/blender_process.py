@@ -1,4 +1,4 @@
-"""Renders one shard in its own process: `python -m shaftpose.farm.worker SHARD 0 200`.
+"""Renders one shard in its own process: `python -m shaftpose.farm.blender_process SHARD 0 200`.
 
 The numbers are the index of the first image and the number of images; SHARD is the shard's file,
 next to the description of its set. A process has one Blender scene, so each shard has a process. It
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from shaftpose.core.shards import ShardWriter
 from shaftpose.errors import InputError
-from shaftpose.farm.jobs import read_set
+from shaftpose.farm.set_folder import read_set
 from shaftpose.files import naming_full_disk
 from shaftpose.rendering import cad
 from shaftpose.rendering.rendered_set import RenderedSet, Shard

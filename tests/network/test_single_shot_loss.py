@@ -6,10 +6,10 @@ import torch
 from shaftpose.core.batches import Targets
 from shaftpose.network.box_coding import encode_boxes
 from shaftpose.network.heads import HeadOutputs
-from shaftpose.network.loss import LossTerms, ShaftLoss
 from shaftpose.network.matching import match_boxes
 from shaftpose.network.pose_bins import BinCoder
 from shaftpose.network.pose_coding import PoseCoder, RegressionCoder
+from shaftpose.network.single_shot_loss import LossTerms, ShaftLoss
 from tests.network.even_boxes import even_boxes
 
 # Ten boxes in a row that do not overlap; the ground truth is exactly the third one.

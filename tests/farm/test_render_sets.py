@@ -22,9 +22,9 @@ from distributed import Client
 
 from shaftpose.core.shards import ShardedDataset, sample_key
 from shaftpose.errors import InputError
-from shaftpose.farm import cluster, scale_out
+from shaftpose.farm import cluster, render_sets
 from shaftpose.farm.cluster import connect
-from shaftpose.farm.scale_out import ATTEMPTS, render_set
+from shaftpose.farm.render_sets import ATTEMPTS, render_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.settings.parts import ClusterSettings, RenderSettings
@@ -39,7 +39,7 @@ import sys
 from shaftpose.settings.parts import ClusterSettings
 from shaftpose.farm.cluster import connect
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.farm.scale_out import render_set
+from shaftpose.farm.render_sets import render_set
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` takes it away
     sources = {Path(path): source for path, source in backgrounds}
@@ -223,7 +223,7 @@ def test_a_killed_blender_is_started_again(
     run.result(PATIENCE_S)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
     assert not list(tmp_path.rglob("*.part"))
-    (warning,) = [r.getMessage() for r in caplog.records if r.name == scale_out.__name__
+    (warning,) = [r.getMessage() for r in caplog.records if r.name == render_sets.__name__
                   and r.levelno == logging.WARNING]  # fmt: skip
     assert "SIGKILL" in warning
 
@@ -480,7 +480,7 @@ def test_a_truncated_shard_in_scratch_is_rendered_again(
 ) -> None:
     cut_short(finished[1].path)
     before = identity(finished[0].path)
-    with caplog.at_level(logging.WARNING, logger=scale_out.__name__):
+    with caplog.at_level(logging.WARNING, logger=render_sets.__name__):
         render(rendered, tmp_path, client)
     assert f"{finished[1].path} is truncated or damaged: rendering it again" in caplog.messages
     assert contents(tmp_path / "out") == contents(undisturbed[1])

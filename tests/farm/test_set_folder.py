@@ -14,7 +14,7 @@ import trimesh
 
 import shaftpose
 from shaftpose.errors import InputError
-from shaftpose.farm.jobs import link_shards, read_set, write_set
+from shaftpose.farm.set_folder import link_shards, read_set, write_set
 from shaftpose.rendering import rendered_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.shapes import instrument_shape

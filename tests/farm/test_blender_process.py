@@ -12,8 +12,8 @@ import pytest
 import trimesh
 
 from shaftpose.core.shards import shard_name
-from shaftpose.farm.jobs import write_set
-from shaftpose.farm.worker import IMAGE_DONE
+from shaftpose.farm.blender_process import IMAGE_DONE
+from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.settings.parts import CadSettings, RenderSettings
 from tests.rendering.blender_process import run_python
@@ -22,7 +22,7 @@ START = """
 import os
 import threading
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.farm.worker import start_generator
+from shaftpose.farm.blender_process import start_generator
 sources = {Path(path): source for path, source in backgrounds}
 rendered = RenderedSet(settings, sources, seed=1, images=1, images_per_shard=1)
 cores = os.sched_getaffinity(0)
@@ -58,7 +58,7 @@ def test_what_a_cad_file_is_warned_of_is_not_said_by_each_shard(
     shaft = replace(settings.shaft, cad=CadSettings(tmp_path / "short.stl", "mm"))
     shard = Shard(tmp_path / shard_name(0), 0, 1)
     write_set(RenderedSet(replace(settings, shaft=shaft), backgrounds, 1, 1, 1), tmp_path)
-    command = [sys.executable, "-m", "shaftpose.farm.worker", str(shard.path), "0", "1"]
+    command = [sys.executable, "-m", "shaftpose.farm.blender_process", str(shard.path), "0", "1"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdout

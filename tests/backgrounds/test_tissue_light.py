@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from shaftpose.backgrounds.light import normals, openness, scope_light
 from shaftpose.backgrounds.noise import pixel_grid
 from shaftpose.backgrounds.relief import VIEW
+from shaftpose.backgrounds.tissue_light import normals, openness, scope_light
 
 SIZE = 64
 

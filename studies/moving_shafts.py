@@ -1,0 +1,103 @@
+"""Render a film of two moving shafts with known poses.
+
+`python -m studies.moving_shafts OUT --frames 150` takes a background of the test sets in
+data/backgrounds and writes OUT/film.mp4 and OUT/poses.json: for each frame, the shafts' poses.
+"""
+
+import argparse
+from dataclasses import asdict, replace
+from math import sin, tau
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.images import Image
+from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.json_files import write_json
+from shaftpose.rendering.blender import Renderer
+from shaftpose.rendering.compositing import apply_lens, composite
+from shaftpose.rendering.generator import read_background
+from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.silhouette import blender_output_hidden
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.tree import Settings
+
+ROOT = Path(__file__).parents[1]
+FPS = 25.0
+FILM, POSES = "film.mp4", "poses.json"
+# Middle of the motion, amplitude and period in s of x, y, z, pitch and yaw: two hands that work
+# around the image's centre. The right shaft's yaw passes from 359 to 0 deg.
+Motion = tuple[tuple[float, float, float], ...]
+MOTIONS: tuple[Motion, ...] = (
+    ((-7.0, 9.0, 1.9), (2.0, 6.0, 2.7), (22.0, 5.0, 3.7), (68.0, 10.0, 3.1), (165.0, 20.0, 4.3)),
+    ((8.0, 6.0, 2.3), (-1.0, 7.0, 3.3), (26.0, 5.0, 2.9), (66.0, 9.0, 4.1), (10.0, 25.0, 3.9)),
+)
+
+
+def main() -> None:
+    """Write the film of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("out", type=Path, help="folder, which is created")
+    parser.add_argument("--frames", type=int, default=150, help="number of frames (150)")
+    arguments = parser.parse_args()
+    with exit_on_input_error():
+        write_film(composed_settings(ROOT), arguments.frames, arguments.out)
+
+
+def poses_at(seconds: float) -> tuple[ShaftPose, ...]:
+    """The poses of both shafts at a time."""
+    return tuple(_pose_at(motion, seconds) for motion in MOTIONS)
+
+
+def _pose_at(motion: Motion, seconds: float) -> ShaftPose:
+    x_mm, y_mm, z_mm, pitch_deg, yaw_deg = (
+        middle + amplitude * sin(tau * seconds / period + phase)
+        for phase, (middle, amplitude, period) in enumerate(motion)
+    )
+    return ShaftPose(x_mm, y_mm, z_mm, pitch_deg, yaw_deg % 360.0)
+
+
+def write_film(settings: Settings, frames: int, out: Path) -> None:
+    """Render the frames and write the film and its poses."""
+    out.mkdir(parents=True, exist_ok=True)
+    first = first_scene(settings)
+    scenes = [replace(first, shafts=poses_at(number / FPS)) for number in range(frames)]
+    side = settings.rendering.camera.size_px
+    writer = cv2.VideoWriter(str(out / FILM), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (side, side))
+    if not writer.isOpened():
+        raise InputError(f"{out / FILM}: cannot be written; name another folder")
+    with blender_output_hidden():
+        renderer = Renderer(settings.rendering)
+    for scene in tqdm(scenes, "rendering", unit="frame"):
+        writer.write(cv2.cvtColor(rendered(renderer, scene), cv2.COLOR_RGB2BGR))
+    writer.release()
+    write_json(out / POSES, [[asdict(pose) for pose in scene.shafts] for scene in scenes])
+
+
+def first_scene(settings: Settings) -> Scene:
+    """A scene of the clear test set with two shafts."""
+    plan = planned_sets(
+        settings.rendering, settings.size, settings.backgrounds.held_out, settings.seed
+    )["clear"]
+    sampler = SceneSampler(plan.settings, tuple(plan.backgrounds), plan.seed)
+    scenes = (next(sampler.candidates(index)) for index in range(100))
+    return next(scene for scene in scenes if len(scene.shafts) == len(MOTIONS))
+
+
+def rendered(renderer: Renderer, scene: Scene) -> Image:
+    """The image (H, W, 3) of a scene."""
+    with blender_output_hidden():
+        foreground = renderer.render(scene)
+    rgb = read_background(scene.background, scene.camera.width)
+    if foreground is not None:
+        where = foreground.region.slices
+        rgb[where] = composite(foreground.linear, rgb[where])
+    return np.asarray(apply_lens(rgb, scene.lens, scene.sensor_seed, None))
+
+
+if __name__ == "__main__":
+    main()
