@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-render bench-train ui figures architecture learning results clean
+.PHONY: help env repro report test lint format bench bench-render bench-train ui figures film architecture learning results clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -83,6 +83,15 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	install -m 644 reports/e/silhouettes.jpg docs/images/silhouettes.jpg
 	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png
 	install -m 644 reports/figures/binned_errors.png docs/images/binned_errors.png
+
+film: $(READY)  ## render moving shafts on data/backgrounds, track them, and show it in docs and `demo`
+	rm -rf data/film
+	python -m studies.moving_shafts data/film --frames 100
+	shaftpose predict data/film/film.mp4 --view-deg 95 --diameter-mm 3 --out data/film/alone
+	shaftpose predict data/film/film.mp4 --view-deg 95 --diameter-mm 3 --out data/film/tracked --draw --track
+	python -m studies.film_results data/film
+	python -m studies.moving_shafts data/film/short --frames 50
+	install -m 644 data/film/short/film.mp4 src/shaftpose/inference/demo_film.mp4
 
 architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables

@@ -31,7 +31,7 @@ FIRST = {
     "score": 0.75, "box": [60.0, 20.1, 160.4, 220.7],
     "tip_px": [206.9, 136.3], "axis_px": [[206.9, 136.3], [165.9, 198.8]],
     "x_mm": 1.0, "y_mm": -2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 123.0, "metric": False,
-    "deviations": None,
+    "deviations": None, "track": None,
 }  # fmt: skip
 CAMERA = """%YAML:1.0
 ---
@@ -308,15 +308,18 @@ def test_a_reader_who_has_enough_ends_the_command_quietly(model: Path, frame: Pa
     assert re.fullmatch("warning: .*NOT METRIC.*\n", said)
 
 
-def test_the_demo_finds_the_shafts_of_its_image(
+def test_the_demo_finds_the_shafts_of_its_examples(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "look"
     main(["demo", "--out", str(out)])
-    (line,) = results((out / "predictions.jsonl").read_text())
-    assert [one["metric"] for one in line["instruments"]] == [True, True]
+    image, *film = results((out / "predictions.jsonl").read_text())
+    assert [one["metric"] for one in image["instruments"]] == [True, True]
+    assert len(film) == 50
+    assert all({one["track"] for one in line["instruments"]} == {1, 2} for line in film)
     assert cv2.imread(str(out / "demo_frame.jpg")).shape == (299, 299, 3)
-    assert capsys.readouterr().out.startswith("2 shafts found")
+    assert (out / "demo_film.mp4").is_file()
+    assert capsys.readouterr().out.startswith("poses, a picture and a film are in")
 
 
 def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> None:

@@ -78,6 +78,10 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--diameter-mm", type=_above_zero, help="diameter of the shafts")
     parser.add_argument(
+        "--track", action="store_true",
+        help="number the shafts of videos and streams, and smooth their poses",
+    )  # fmt: skip
+    parser.add_argument(
         "--format", choices=("jsonl", "csv", "bop"), default="jsonl", help="of results (jsonl)"
     )
     parser.add_argument("--out", type=Path, help="folder for results (standard output)")
@@ -109,7 +113,7 @@ def _add_nothing(parser: argparse.ArgumentParser) -> None:
 # Command, a module of `shaftpose.commands` -> its summary, examples and options.
 _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]] = {
     "demo": (
-        "predict the image that comes with the package",
+        "predict the image and the film that come with the package",
         "example: shaftpose demo --out look",
         _add_demo,
     ),

@@ -33,7 +33,7 @@ def test_json_lines_hold_a_frame_each() -> None:
     assert content["instruments"] == 2 * [{
         "score": 0.8765, "box": [1, 2, 3, 4], "tip_px": [30, 40], "axis_px": [[30, 40], [50, 60.3]],
         "x_mm": 1, "y_mm": -2, "z_mm": 20.12, "pitch_deg": 90, "yaw_deg": 0, "metric": True,
-        "deviations": None,
+        "deviations": None, "track": None,
     }]  # fmt: skip
 
 

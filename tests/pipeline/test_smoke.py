@@ -5,8 +5,11 @@ import re
 from pathlib import Path
 
 import mlflow
+import numpy as np
 import pytest
 
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.inference.video_files import VideoFile
 from tests.pipeline.conftest import Run, commit, copy_tracked, replace_in
 
 VARIANTS = ("c", "d_noise", "d_noise_real", "e")
@@ -170,3 +173,24 @@ def test_show_draws_sheets(finished: Path, run: Run) -> None:
     missing = run("shaftpose", "show", "dataset", "nowhere", "--out", "x.jpg")
     assert missing.returncode == 1
     assert missing.stderr.startswith("error: nowhere")
+
+
+def test_a_film_of_moving_shafts_is_rendered(finished: Path, run: Run) -> None:
+    result = run("python", "-m", "studies.moving_shafts", "film", "--frames", "2")
+    assert result.returncode == 0, result.stderr
+    first, second = VideoFile(finished / "film/film.mp4").frames()
+    assert (first.fps, first.rgb.shape) == (25.0, (299, 299, 3))
+    poses = json.loads((finished / "film/poses.json").read_text())
+    assert [len(shafts) for shafts in poses] == [2, 2]
+    # Between the frames, pixels change around the shafts only.
+    changed = np.abs(first.rgb.astype(int) - second.rgb).max(axis=2) > 30
+    camera = Camera.from_field_of_view(299, 299, 95.0)
+    lines = [
+        camera.project(pose.tip_mm + length_mm * pose.direction)
+        for pose in (ShaftPose(**stated) for stated in poses[0])
+        for length_mm in np.linspace(0, 20, 41)
+    ]
+    y, x = np.nonzero(changed)
+    assert len(x) > 20
+    distances = np.linalg.norm(np.stack([x, y], axis=1)[:, None] - np.array(lines), axis=2)
+    assert np.mean(distances.min(axis=1) < 20) > 0.9

@@ -23,6 +23,7 @@ from shaftpose.inference.outputs import outputs
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.sources import sources
+from shaftpose.inference.tracker import Tracker
 
 
 def run(options: argparse.Namespace) -> None:
@@ -33,6 +34,7 @@ def run(options: argparse.Namespace) -> None:
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     finder, named = shaft_finder(options), named_sources(options.sources)
+    tracker = Tracker(finder.axis_px) if options.track else None
     style, drawings = FORMATS[options.format], options.out if options.draw else None
     with (
         outputs(options.out, style, drawings) as write,
@@ -40,7 +42,8 @@ def run(options: argparse.Namespace) -> None:
     ):
 
         def predict(frame: Frame) -> None:
-            write(frame, finder(frame.rgb))
+            shafts = finder(frame.rgb)
+            write(frame, shafts if tracker is None else tracker(frame, shafts))
             bar.update()
 
         failed = for_each_frame(named, predict, report)

@@ -29,7 +29,8 @@ def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
         tip, end = subpixel_grid(shaft.axis_px).tolist()
         cv2.line(drawn, tip, end, FOUND, thickness, cv2.LINE_AA, bits)
         cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, thickness, cv2.LINE_AA, bits)
-        text = pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
+        number = "" if shaft.track is None else f"{shaft.track}: "
+        text = number + pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
         below = round((8 + LINE_PX * row) * scale)
         write_text(drawn, text, (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
     return drawn

@@ -17,7 +17,7 @@ from shaftpose.inference.frames import Frame
 
 CSV_COLUMNS = (
     "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
-    "axis_y_px", *POSE_DIMENSIONS, "metric",
+    "axis_y_px", *POSE_DIMENSIONS, "metric", "track",
 )  # fmt: skip
 BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _SHAFT, _UNKNOWN_TIME = 1, -1  # BOP's number of our object, and its word for no time
@@ -52,6 +52,7 @@ def as_row(shaft: FoundShaft) -> dict[str, Any]:
         **{name: round(getattr(shaft.pose, name), 2) for name in POSE_DIMENSIONS},
         "metric": shaft.metric,
         "deviations": None if shaft.deviations is None else _named(shaft.deviations),
+        "track": shaft.track,
     }
 
 
@@ -63,7 +64,8 @@ def csv_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft."""
     return _table(
         [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
-         *(row[name] for name in POSE_DIMENSIONS), "true" if row["metric"] else "false"]
+         *(row[name] for name in POSE_DIMENSIONS), "true" if row["metric"] else "false",
+         row["track"]]
         for row in map(as_row, shafts)
     )  # fmt: skip
 

@@ -23,6 +23,7 @@ class FoundShaft:
     the point of the axis 10 mm behind it, or nearer where that would halve the depth; both may lie
     outside the frame. pose: mm and deg. metric: whether the pose's millimetres are those of the
     user's camera and shaft. deviations: (5,) standard deviations of a fitted pose, mm and deg.
+    track: its number in the video, if shafts are tracked.
     """
 
     score: float
@@ -31,6 +32,7 @@ class FoundShaft:
     pose: ShaftPose
     metric: bool
     deviations: Array | None = None
+    track: int | None = None
 
     @property
     def tip_px(self) -> Array:

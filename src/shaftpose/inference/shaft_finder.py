@@ -60,6 +60,11 @@ class ShaftFinder:
             for shaft, own in zip(shafts, found.deviations, strict=True)
         ]
 
+    def axis_px(self, pose: ShaftPose, rgb: Image) -> Array:
+        """The images (2, 2) of a pose's tip and axis in a frame (H, W, 3)."""
+        height, width = rgb.shape[:2]
+        return axis_px(pose, self._predictor.camera, self._views(width, height))
+
     def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:
         pose = self._scaled(ShaftPose.from_array(values))
         axis = axis_px(pose, self._predictor.camera, view)

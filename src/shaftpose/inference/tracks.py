@@ -1,0 +1,88 @@
+"""A shaft's motion, estimated from its poses in successive frames by a Kalman filter."""
+
+import numpy as np
+
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.inference.found_shafts import Array
+
+# Power spectral densities of the accelerations that the filter expects: of the tip in mm^2 / s^3,
+# of the axis in rad^2 / s^3. Hands that work reach some 100 mm / s^2.
+_TIP_DENSITY, _AXIS_DENSITY = 2000.0, 1.0
+# Standard deviations of a first velocity: mm / s, rad / s.
+_FIRST_TIP_SPEED, _FIRST_AXIS_SPEED = 50.0, 1.0
+# Squared Mahalanobis distance above which a measurement counts less: such errors are no noise.
+_FAR = 16.0
+_RADIAL = 1e-3  # standard deviation of the length of a measured axis, which is 1
+
+
+class Measurement:
+    """A pose (tip in mm, unit vector along the axis) with its covariance (6, 6).
+
+    deviations: (5,) standard deviations of the pose, mm and deg.
+    """
+
+    def __init__(self, pose: ShaftPose, deviations: Array) -> None:
+        self.values = np.concatenate([pose.tip_mm, pose.direction])
+        turned = axis_derivatives(pose) * np.radians(deviations[3:])
+        self.covariance = np.zeros((6, 6))
+        self.covariance[:3, :3] = np.diag(deviations[:3] ** 2)
+        self.covariance[3:, 3:] = turned @ turned.T + _RADIAL**2 * np.eye(3)
+
+
+class Track:
+    """A shaft with constant velocity but for random accelerations.
+
+    The state (12,) is the tip, the axis and their velocities; the axis keeps its length of 1, so
+    that no angle has a seam. time_s: of the first measurement.
+    """
+
+    def __init__(self, number: int, first: Measurement, time_s: float) -> None:
+        self.number, self.time_s = number, time_s
+        self._state = np.concatenate([first.values, np.zeros(6)])
+        self._covariance = np.zeros((12, 12))
+        self._covariance[:6, :6] = first.covariance
+        speeds = [_FIRST_TIP_SPEED] * 3 + [_FIRST_AXIS_SPEED] * 3
+        self._covariance[6:, 6:] = np.diag(np.square(speeds))
+
+    def predicted(self, time_s: float) -> Array:
+        """(6,) tip and axis at a time."""
+        state = self._state[:6] + (time_s - self.time_s) * self._state[6:]
+        return np.concatenate([state[:3], state[3:] / np.linalg.norm(state[3:])])
+
+    def update(self, seen: Measurement, time_s: float) -> None:
+        """Take a later measurement into account."""
+        self._advance(time_s)
+        prior = self._covariance[:6, :6]
+        error = seen.values - self._state[:6]
+        distance = float(error @ np.linalg.solve(prior + seen.covariance, error))
+        noise = seen.covariance * max(1.0, distance / _FAR)
+        gain = self._covariance[:, :6] @ np.linalg.inv(prior + noise)
+        self._state = self._state + gain @ error
+        self._covariance = self._covariance - gain @ self._covariance[:6]
+        self._state[3:6] /= np.linalg.norm(self._state[3:6])
+
+    def pose(self) -> ShaftPose:
+        """The pose after the last update."""
+        x, y, z, along_x, along_y, along_z = (float(value) for value in self._state[:6])
+        pitch = np.degrees(np.arccos(np.clip(-along_z, -1, 1)))
+        yaw = np.degrees(np.arctan2(along_y, along_x)) % 360.0
+        return ShaftPose(x, y, z, float(pitch), float(yaw))
+
+    def _advance(self, time_s: float) -> None:
+        step = time_s - self.time_s
+        motion = np.eye(12)
+        motion[:6, 6:] = step * np.eye(6)
+        density = np.diag([_TIP_DENSITY] * 3 + [_AXIS_DENSITY] * 3)
+        # The integral of white acceleration over the step.
+        growth = np.array([[step**3 / 3, step**2 / 2], [step**2 / 2, step]])
+        self._state = motion @ self._state
+        self._covariance = motion @ self._covariance @ motion.T + np.kron(growth, density)
+        self.time_s = time_s
+
+
+def axis_derivatives(pose: ShaftPose) -> Array:
+    """(3, 2) derivatives of the axis by pitch and yaw, in rad."""
+    pitch, yaw = np.radians(pose.pitch_deg), np.radians(pose.yaw_deg)
+    by_pitch = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    by_yaw = [-np.sin(pitch) * np.sin(yaw), np.sin(pitch) * np.cos(yaw), 0.0]
+    return np.array([by_pitch, by_yaw]).T
