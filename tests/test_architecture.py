@@ -28,7 +28,7 @@ FOLDERS = {
     "deployment": ("dataset", "network", "evaluation", "figures"),
     "report": ("evaluation", "figures"),
     "inference": ("deployment",),
-    "commands": ("inference", "deployment", "dataset"),
+    "commands": ("inference", "deployment", "dataset", "tracking"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.
@@ -82,7 +82,7 @@ def test_folders_import_in_one_direction(folder: str) -> None:
 
 
 def test_the_declared_order_has_no_circle() -> None:
-    seen: set[str] = set()
+    seen = {"tracking"}  # a file, which imports no folder
     for folder, below in FOLDERS.items():
         assert set(below) <= seen, f"{folder} is declared before a folder it imports from"
         seen.add(folder)

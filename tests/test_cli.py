@@ -308,6 +308,13 @@ def test_a_reader_who_has_enough_ends_the_command_quietly(model: Path, frame: Pa
     assert re.fullmatch("warning: .*NOT METRIC.*\n", said)
 
 
+def test_a_model_of_a_registry_needs_mlflow(frame: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("shaftpose.tracking", raising=False)
+    monkeypatch.setitem(sys.modules, "shaftpose.tracking", None)
+    with pytest.raises(SystemExit, match=r"mlflow:/shaftpose@champion: needs MLflow: pip install"):
+        main(["predict", str(frame), "--model", "mlflow:/shaftpose@champion"])
+
+
 def test_the_demo_finds_the_shafts_of_its_examples(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import mlflow
 import numpy as np
+import onnx
 import pytest
 from mlflow.entities.model_registry import ModelVersion
 
@@ -209,3 +210,30 @@ def test_a_model_that_failed_or_was_deleted_is_no_champion(
     client.delete_logged_model(deleted.removeprefix("models:/"))
     tracking.register_champion("id-7", "d", "the rule")
     assert champion().source == whole
+
+
+def test_a_champion_is_loaded_for_prediction(store: Path, constant_model: Path) -> None:
+    export("id-9", constant_model)
+    tracking.register_champion("id-9", "d", "the rule")
+    for name in ("shaftpose@champion", "shaftpose/1"):
+        with tracking.registered_model(name) as path:
+            assert onnx.load(str(path)) == onnx.load(str(constant_model))
+        assert not path.exists()
+
+
+def test_a_model_that_is_not_registered_is_named(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        pytest.raises(InputError, match="^mlflow:/other@champion: cannot be loaded .*other"),
+        tracking.registered_model("other@champion"),
+    ):
+        pass
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with (
+        pytest.raises(InputError, match="shaftpose@champion: there is no .*/elsewhere/mlflow.db"),
+        tracking.registered_model("shaftpose@champion"),
+    ):
+        pass
+    assert not list(Path.cwd().iterdir())

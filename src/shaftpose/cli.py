@@ -64,7 +64,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         help="image file, folder of images, video file, camera index, stream URL, or - to read "
         "such names from standard input, one a line",
     )  # fmt: skip
-    parser.add_argument("--model", type=Path, help="ONNX file (the package's own model)")
+    parser.add_argument(
+        "--model", help="ONNX file, or mlflow:/NAME@ALIAS of a registry (the package's own model)"
+    )
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",

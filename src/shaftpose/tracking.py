@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")  # read when mlflow is imported
@@ -228,6 +229,31 @@ def register_champion(training_id: str, name: str, rule: str) -> None:
     version = mlflow.register_model(model, MODEL_NAME)
     client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
     client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)
+
+
+@contextmanager
+def registered_model(name: str) -> Iterator[Path]:
+    """The ONNX file of a registered model, as long as the block lasts.
+
+    name: `NAME@ALIAS` or `NAME/VERSION`, in the server of MLFLOW_TRACKING_URI, else in mlflow.db.
+    Raises InputError if it is not there.
+    """
+    database = workspace(Path.cwd()) / "mlflow.db"
+    uri = os.environ.get("MLFLOW_TRACKING_URI")
+    if uri is None and not database.is_file():  # which MLflow would create
+        raise InputError(
+            f"mlflow:/{name}: there is no {database}; go to the project's folder, or set "
+            "MLFLOW_TRACKING_URI"
+        )
+    mlflow.set_tracking_uri(uri or f"sqlite:///{database}")
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    with TemporaryDirectory() as folder:
+        try:
+            found = mlflow.artifacts.download_artifacts(f"models:/{name}", dst_path=folder)
+        except (mlflow.MlflowException, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"mlflow:/{name}: cannot be loaded ({reason})") from error
+        yield Path(found) / "model.onnx"
 
 
 def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:

@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from shaftpose.deployment.bundled import bundled_model
+from shaftpose.commands.model_files import model_file
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.inference.formats import FORMATS
@@ -59,9 +59,8 @@ def named_sources(names: Sequence[str]) -> Iterable[Source]:
 
 def shaft_finder(options: argparse.Namespace) -> ShaftFinder:
     """The model of the options, for their camera and shafts; warns of what is unknown."""
-    predictor = Predictor(
-        bundled_model() if options.model is None else options.model, options.refine
-    )
+    with model_file(options.model) as path:
+        predictor = Predictor(path, options.refine)
     unknown = what_is_unknown(options, predictor)
     if unknown:
         warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")

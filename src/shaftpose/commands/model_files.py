@@ -1,0 +1,30 @@
+"""The model that `--model` names."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from shaftpose.deployment.bundled import bundled_model
+from shaftpose.errors import InputError
+
+_REGISTRY = "mlflow:/"
+
+
+@contextmanager
+def model_file(name: str | None) -> Iterator[Path]:
+    """The ONNX file of a model, as long as the block lasts.
+
+    name: a path; `mlflow:/NAME@ALIAS` or `mlflow:/NAME/VERSION` of a model registry; None for the
+    model that comes with the package. Raises InputError if it cannot be had.
+    """
+    if name is None:
+        yield bundled_model()
+    elif name.startswith(_REGISTRY):
+        try:
+            from shaftpose import tracking
+        except ImportError as error:
+            raise InputError(f"{name}: needs MLflow: pip install 'shaftpose[pipeline]'") from error
+        with tracking.registered_model(name.removeprefix(_REGISTRY)) as path:
+            yield path
+    else:
+        yield Path(name)
