@@ -231,6 +231,7 @@ def test_a_model_that_is_not_registered_is_named(
         pass
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)  # MLflow sets it
     with (
         pytest.raises(InputError, match="shaftpose@champion: there is no .*/elsewhere/mlflow.db"),
         tracking.registered_model("shaftpose@champion"),
