@@ -14,10 +14,9 @@ from shaftpose.deployment.refinement.edges import image_gradients, image_offsets
 from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 
-_MASK_STAGES = tuple(
-    Stage(*px) for px in ((12, 40), (10, 40), (10, 60), (9, 90), (8, 130), (7, 190), (6, 280))
-) + tuple(Stage(reach_px) for reach_px in (5, 4, 3, 2, 1.5, 1.5))
-_EDGE_STAGES = tuple(Stage(reach_px) for reach_px in (0.8, 0.8, 0.8, 0.8, 0.8, 0.6))
+# More stages are no more accurate (docs/beyond.md).
+_MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
+_EDGE_STAGES = (Stage(0.8), Stage(0.8), Stage(0.6))
 # Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
@@ -61,6 +60,8 @@ class Refiner:
         if fit is None or gradients is None:
             return fit
         in_image = partial(image_offsets, gradients)
+        # The image's edges are no second witness: the mask was learned from them. `fit_pose`
+        # therefore counts what both tell, too, by less than its sum.
         polished = fit_pose(
             fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, fit.information
         )
