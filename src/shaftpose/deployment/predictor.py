@@ -35,7 +35,11 @@ class Predictor:
         if not path.is_file():
             raise InputError(f"{path}: no such model; run the export stage")
         try:
-            self._session = onnxruntime.InferenceSession(str(path), providers=list(providers))
+            self._session = onnxruntime.InferenceSession(
+                str(path),
+                providers=list(providers),
+                enable_fallback=0,  # to other providers, which would print to standard output
+            )
         except Exception as error:  # onnxruntime's own exceptions have no common base
             raise InputError(f"{path}: not a readable ONNX model; export it again") from error
         names = [output.name for output in self._session.get_outputs()]
