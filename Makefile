@@ -79,6 +79,7 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
 	install -m 644 reports/e/figures/predictions.jpg docs/images/predictions.jpg
+	install -m 644 reports/e/figures/worst_predictions.jpg docs/images/worst_predictions.jpg
 	install -m 644 reports/e/figures/errors_over_bounds.png docs/images/over_bounds.png
 	install -m 644 reports/e/silhouettes.jpg docs/images/silhouettes.jpg
 	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png

@@ -9,8 +9,8 @@ import numpy as np
 
 from shaftpose.core.drawing import prediction_sheet
 from shaftpose.core.figure_style import save_figure
-from shaftpose.core.images import write_jpeg
-from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.core.images import Image, write_jpeg
+from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.prediction import predict_shards
@@ -33,6 +33,7 @@ from shaftpose.settings.parts import PoseRanges
 from shaftpose.settings.tree import Settings
 
 DRAWN_IMAGES, COLUMNS = 12, 4
+WORST, WORST_COLUMNS = 10, 5  # images with large errors, and as many with missed shafts
 
 
 class ModelResults:
@@ -62,7 +63,12 @@ class ModelResults:
         }
         save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
         save_figure(pose_error_figure(self.errors), figures["pose errors"])
-        write_jpeg(self._sheet(), figures["predictions"], quality=88)
+        first = range(min(DRAWN_IMAGES, len(self.keys)))
+        write_jpeg(self._sheet(first, COLUMNS), figures["predictions"], quality=88)
+        if worst := worst_images(self.errors, self.known, WORST):
+            figures["worst predictions"] = folder / "worst_predictions.jpg"
+            sheet = self._sheet(worst, WORST_COLUMNS)
+            write_jpeg(sheet, figures["worst predictions"], quality=88)
         if (refiner := self.predictor.refiner) is not None:
             figures["errors over bounds"] = folder / "errors_over_bounds.png"
             bounds = [
@@ -72,12 +78,13 @@ class ModelResults:
             save_figure(figure, figures["errors over bounds"])
         return figures
 
-    def _sheet(self) -> np.ndarray:
-        keys = self.keys[:DRAWN_IMAGES]
-        found: list[Detections] = [one.above(self.confidence) for one in self.found[: len(keys)]]
-        known: list[Annotations] = self.known[: len(keys)]
+    def _sheet(self, images: Sequence[int], columns: int) -> Image:
+        """Annotations and detections of the images with these numbers."""
+        keys = [self.keys[n] for n in images]
+        found = [self.found[n].above(self.confidence) for n in images]
+        known = [self.known[n] for n in images]
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
-        return prediction_sheet(list(rgb), known, found, list(cameras), COLUMNS)
+        return prediction_sheet(list(rgb), known, found, list(cameras), columns)
 
     def validation(self) -> Metrics:
         """The metrics on the validation images."""
@@ -95,6 +102,17 @@ class ModelResults:
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
         )
+
+
+def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:
+    """The numbers of `count` images with the largest tip errors, the largest first, then of as many
+    others with missed instruments."""
+    image_of = np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
+    by_error = errors.instruments[np.argsort(-errors.tip_mm, kind="stable")]
+    missed = np.setdiff1d(np.arange(len(image_of)), errors.instruments)
+    far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
+    others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
+    return far + others[:count]
 
 
 def evaluation(
