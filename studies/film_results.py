@@ -19,8 +19,10 @@ from PIL import Image
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.markdown import pipe_table
+from shaftpose.errors import exit_on_input_error
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.inference.tracker import matches
+from shaftpose.inference.tracks import tip_and_axis
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.json_files import read_json
 from studies.moving_shafts import FILM, FPS, POSES
@@ -30,6 +32,7 @@ ROOT = Path(__file__).parents[1]
 PAGE, PICTURE = ROOT / "docs/prediction.md", ROOT / "docs/images/film.gif"
 RUNS = {"each frame alone": "alone", "`--track`": "tracked"}
 HEADINGS = ("x [mm]", "y [mm]", "z [mm]", "Pitch [deg]", "Yaw [deg]")
+NEAR_MM = 12.0  # a tip further away belongs to another shaft
 EVERY, COLOURS = 3, 96  # frames of the film and colours in the picture
 
 Array = NDArray[np.float64]
@@ -42,8 +45,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="folder of the film and its predictions")
     folder = parser.parse_args().folder
-    rewrite(PAGE, lambda page: with_tables(page, {"film": table(folder)}, "make film", PAGE.name))
-    write_picture(folder / "tracked" / FILM, PICTURE)
+    with exit_on_input_error():
+        tables = {"film": table(folder)}
+        rewrite(PAGE, lambda page: with_tables(page, tables, "make film", PAGE.name))
+        write_picture(folder / "tracked" / FILM, PICTURE)
 
 
 def table(folder: Path) -> str:
@@ -68,7 +73,9 @@ def film_errors(
     errors = {}
     for frame, (shafts, those) in enumerate(zip(true, found, strict=True)):
         known, seen = [_pose(one) for one in shafts], [_pose(one) for one in those]
-        pairs = matches([_line(one) for one in known], [_line(one) for one in seen])
+        pairs = matches(
+            [tip_and_axis(one) for one in known], [tip_and_axis(one) for one in seen], NEAR_MM
+        )
         for row, shaft in pairs.items():
             one = errors_between(seen[row].as_array()[None], known[shaft].as_array()[None])
             errors[frame, shaft] = one.differences[0]
@@ -87,10 +94,6 @@ def changes(errors: Errors) -> Array:
 
 def _pose(stated: Mapping[str, float]) -> ShaftPose:
     return ShaftPose(**{name: stated[name] for name in POSE_DIMENSIONS})
-
-
-def _line(pose: ShaftPose) -> Array:
-    return np.concatenate([pose.tip_mm, pose.direction])
 
 
 def _texts(values: Array) -> list[str]:

@@ -85,7 +85,10 @@ def first_scene(settings: Settings) -> Scene:
     )["clear"]
     sampler = SceneSampler(plan.settings, tuple(plan.backgrounds), plan.seed)
     scenes = (next(sampler.candidates(index)) for index in range(100))
-    return next(scene for scene in scenes if len(scene.shafts) == len(MOTIONS))
+    found = next((scene for scene in scenes if len(scene.shafts) == len(MOTIONS)), None)
+    if found is None:
+        raise InputError("params.yaml: scene.instruments: must allow two shafts")
+    return found
 
 
 def rendered(renderer: Renderer, scene: Scene) -> Image:

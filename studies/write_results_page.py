@@ -53,7 +53,7 @@ def page(root: Path) -> str:
 
 def records(root: Path) -> list[TrainingRecord]:
     """The records of single trainings, sorted by variant and seed."""
-    found = [read_record(path) for path in (root / "reports/trainings").glob("*.json")]
+    found = [read_record(path) for path in sorted((root / "reports/trainings").glob("*.json"))]
     return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
 
 

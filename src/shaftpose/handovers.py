@@ -1,8 +1,8 @@
 """What stages hand to each other in small JSON files.
 
-`training.json` is a `TrainingFacts`, `evaluation.json` an `evaluation.results.Evaluation`, and
-`silhouette.json` holds the `SilhouetteScore` of each set of images. Lists of images are CSV files
-(`core.split_lists`), images shards (`core.shards`).
+`training.json` is a `TrainingFacts`, `about.json` an `AboutReal`, `evaluation.json` an
+`evaluation.results.Evaluation`, and `silhouette.json` holds the `SilhouetteScore` of each set of
+images. Lists of images are CSV files (`core.split_lists`), images shards (`core.shards`).
 """
 
 from collections.abc import Mapping
@@ -17,12 +17,19 @@ from shaftpose.json_files import read_json
 
 T = TypeVar("T")
 
-FITTED = "fitted/"  # begins the names of metrics of fitted poses
+FITTED = "fitted/"  # begins the names of metrics and image sets of fitted poses
+
+
+@dataclass(frozen=True)
+class AboutReal:
+    """`about.json` of the real images; domain: "real", or "stand-in" if they are rendered."""
+
+    domain: str
 
 
 @dataclass(frozen=True)
 class RealFacts:
-    """The real training images; `domain`: "real", or "stand-in" if they are rendered."""
+    """The real training images; domain: see `AboutReal`."""
 
     domain: str
     images: int
@@ -61,8 +68,15 @@ class TrainingFacts:
     steps: int
     parameters: int
 
+    @property
+    def has_backbone(self) -> bool:
+        """Whether the network has the paper's backbone, which width and depth scale."""
+        return "backbone" in self.variant["network"]
 
-def read_training(folder: Path, remedy: str = "run `dvc repro train`") -> TrainingFacts:
+
+def read_training(
+    folder: Path, remedy: str = "run `make clean`, then `dvc repro -f train`"
+) -> TrainingFacts:
     """Read the `training.json` next to a checkpoint. Raises InputError as `read_handover` does."""
     return read_handover(folder / "training.json", TrainingFacts, remedy)
 
@@ -70,7 +84,7 @@ def read_training(folder: Path, remedy: str = "run `dvc repro train`") -> Traini
 def read_domain() -> str:
     """Domain of the real images: "real" or "stand-in"."""
     path, remedy = Path("data/real/about.json"), "run `dvc repro real_images`"
-    return read_handover(path, dict[str, str], remedy)["domain"]
+    return read_handover(path, AboutReal, remedy).domain
 
 
 def read_handover(path: Path, kind: type[T], remedy: str) -> T:

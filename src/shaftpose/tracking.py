@@ -240,7 +240,7 @@ def registered_model(name: str) -> Iterator[Path]:
     """
     database = workspace(Path.cwd()) / "mlflow.db"
     uri = os.environ.get("MLFLOW_TRACKING_URI")
-    if uri is None and not database.is_file():  # which MLflow would create
+    if not uri and not database.is_file():  # which MLflow would create
         raise InputError(
             f"mlflow:/{name}: there is no {database}; go to the project's folder, or set "
             "MLFLOW_TRACKING_URI"
@@ -250,10 +250,13 @@ def registered_model(name: str) -> Iterator[Path]:
     with TemporaryDirectory() as folder:
         try:
             found = mlflow.artifacts.download_artifacts(f"models:/{name}", dst_path=folder)
-        except (mlflow.MlflowException, OSError) as error:
-            reason = str(error).splitlines()[0]
+        except Exception as error:  # databases and stores have exceptions of their own
+            reason = (str(error) or repr(error)).splitlines()[0]
             raise InputError(f"mlflow:/{name}: cannot be loaded ({reason})") from error
-        yield Path(found) / "model.onnx"
+        model = Path(found) / "model.onnx"
+        if not model.is_file():
+            raise InputError(f"mlflow:/{name}: has no model.onnx; name a model of the pipeline")
+        yield model
 
 
 def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:

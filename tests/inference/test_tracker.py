@@ -1,9 +1,12 @@
 """Shafts followed from frame to frame."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.core.images import Image
+from shaftpose.inference.found_shafts import Array, FoundShaft
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.tracker import Tracker, matches
 
@@ -21,7 +24,7 @@ def shaft(x_mm: float, yaw_deg: float = 0.0) -> FoundShaft:
 
 
 def tracker() -> Tracker:
-    return Tracker(lambda pose, rgb: DRAWN)
+    return Tracker(lambda pose, rgb: DRAWN, 3.0)
 
 
 def test_shafts_that_pass_each_other_keep_their_numbers() -> None:
@@ -49,10 +52,43 @@ def test_numbers_begin_again_with_each_video() -> None:
             assert [one.track for one in follow(frame(n, source), [shaft(0)])] == [1]
 
 
+def test_the_first_shaft_of_the_same_video_again_is_number_one() -> None:
+    follow = tracker()
+    for _ in range(2):
+        assert [one.track for one in follow(frame(0), [shaft(-9)])] == [1]
+        assert [one.track for one in follow(frame(1), [shaft(9)])] == [2]
+
+
+def test_shafts_of_slow_frames_are_followed() -> None:
+    """A frame each second."""
+    follow = tracker()
+    for n in range(5):
+        assert [one.track for one in follow(frame(n, fps=1.0), [shaft(0.5 * n)])] == [1]
+
+
 def test_a_smoothed_pose_is_drawn_where_it_is() -> None:
-    (found,) = tracker()(frame(0), [shaft(3)])
+    drawn: list[ShaftPose] = []
+
+    def axis_px(pose: ShaftPose, rgb: Image) -> Array:
+        drawn.append(pose)
+        return DRAWN
+
+    follow = Tracker(axis_px, 3.0)
+    follow(frame(0), [shaft(3)])
+    (found,) = follow(frame(1), [shaft(3.4)])
+    assert drawn[-1] == found.pose
+    assert 3.1 < found.pose.x_mm < 3.4
     assert found.axis_px is DRAWN
     assert found.deviations is not None and found.deviations.tolist() == [0.1] * 5
+
+
+def test_distances_grow_with_the_diameter() -> None:
+    """A jump of 20 mm is too far for shafts of 3 mm, but not for shafts of 10 mm."""
+    for diameter_mm, number in ((3.0, 2), (10.0, 1)):
+        follow = Tracker(lambda pose, rgb: DRAWN, diameter_mm)
+        follow(frame(0), [replace(shaft(0), deviations=None)])
+        (found,) = follow(frame(1), [replace(shaft(20), deviations=None)])
+        assert found.track == number
 
 
 def test_images_are_left_alone() -> None:
@@ -63,6 +99,6 @@ def test_images_are_left_alone() -> None:
 def test_the_nearest_pairs_match_first_and_far_ones_never() -> None:
     along = np.array([0.0, 0, 0, 1, 0, 0])
     at = [along + np.array([x, 0, 0, 0, 0, 0]) for x in (0.0, 4.0, 30.0)]
-    assert matches(at, [at[1] - 3 * np.eye(6)[0], at[1]]) == {1: 1, 0: 0}
-    assert matches(at[2:], at[:1]) == {}
-    assert matches([along], [np.array([0.0, 0, 0, 0, 1, 0])]) == {}
+    assert matches(at, [at[1] - 3 * np.eye(6)[0], at[1]], 12.0) == {1: 1, 0: 0}
+    assert matches(at[2:], at[:1], 12.0) == {}
+    assert matches([along], [np.array([0.0, 0, 0, 0, 1, 0])], 12.0) == {}

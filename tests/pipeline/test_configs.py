@@ -188,3 +188,7 @@ def test_launchers_compose(launcher: str) -> None:
 
 def test_real_share_is_two_to_nine() -> None:
     assert settings_with("variant=d_noise_real").variant.real_share == pytest.approx(2 / 11)
+
+
+def test_hydra_reads_the_file_that_dvc_watches() -> None:
+    assert (ROOT / "conf/params.yaml").readlink() == Path("../params.yaml")

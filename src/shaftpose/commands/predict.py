@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> None:
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     finder, named = shaft_finder(options), named_sources(options.sources)
-    tracker = Tracker(finder.axis_px) if options.track else None
+    tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style, drawings = FORMATS[options.format], options.out if options.draw else None
     with (
         outputs(options.out, style, drawings) as write,

@@ -23,7 +23,7 @@ def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
     are marked."""
     drawn, scale = rgb.copy(), max(min(rgb.shape[:2]) / _PLAIN_PX, 0.5)
     thickness, bits = max(round(scale), 1), SUBPIXEL_BITS
-    for row, shaft in enumerate(shafts):
+    for row, shaft in enumerate(sorted(shafts, key=lambda shaft: shaft.track or 0)):
         low, high = subpixel_grid(shaft.box.reshape(2, 2)).tolist()
         cv2.rectangle(drawn, low, high, FOUND, thickness, cv2.LINE_AA, bits)
         tip, end = subpixel_grid(shaft.axis_px).tolist()

@@ -35,6 +35,7 @@ class ShaftFinder:
         self._predictor, self._views, self._score = predictor, views, score
         self._scale = _scale(predictor.facts.shaft_diameter_mm, diameter_mm)
         self._metric = metric
+        self.diameter_mm = diameter_mm or predictor.facts.shaft_diameter_mm  # None: a CAD file's
 
     def __call__(self, rgb: Image) -> list[FoundShaft]:
         """The shafts in a frame (H, W, 3) uint8 RGB, best score first.

@@ -12,10 +12,12 @@ from shaftpose.inference.frames import Frame
 from shaftpose.inference.tracks import Measurement, Track
 
 # A shaft is the same one if its tip and axis are this near to where its track expects them.
-_NEAR_MM, _NEAR_DEG = 12.0, 45.0
+_NEAR_DIAMETERS, _NEAR_DEG = 4.0, 45.0
 _LONGEST_GAP_S = 0.5  # without a detection; after it, a shaft is a new one
-# Standard deviations of poses that were not fitted: mean errors of the bundled network alone.
-_UNFITTED = np.array([0.7, 0.7, 1.5, 6.0, 5.0])
+# Standard deviations of poses that were not fitted, in diameters and deg: about the errors of the
+# bundled network alone.
+_UNFITTED = np.array([0.3, 0.3, 0.6, 8.0, 6.0])
+_USUAL_MM = 3.0  # diameter of a shaft of unknown diameter
 
 # The images (2, 2) of a pose's tip and axis in a frame.
 AxisPx = Callable[[ShaftPose, Image], Array]
@@ -26,12 +28,14 @@ class Tracker:
     frames showed.
 
     Deviations stay those of the single frame: errors of successive frames are alike, so that
-    smoothing removes less of them than the filter believes. axis_px: for drawing smoothed poses.
+    smoothing removes less of them than the filter believes. axis_px: for drawing smoothed poses;
+    diameter_mm: of the shafts, None if unknown.
     """
 
-    def __init__(self, axis_px: AxisPx) -> None:
-        self._axis_px = axis_px
+    def __init__(self, axis_px: AxisPx, diameter_mm: float | None) -> None:
+        self._axis_px, self._diameter_mm = axis_px, diameter_mm or _USUAL_MM
         self._source, self._tracks, self._count = "", list[Track](), 0
+        self._last_s = 0.0  # time of the last frame
 
     def __call__(self, frame: Frame, shafts: Sequence[FoundShaft]) -> list[FoundShaft]:
         """The shafts with numbers and smoothed poses; unchanged in an image file."""
@@ -40,9 +44,14 @@ class Tracker:
         if frame.source != self._source or frame.number == 0:
             self._source, self._tracks, self._count = frame.source, [], 0
         time_s = frame.number / frame.fps
-        self._tracks = [t for t in self._tracks if time_s - t.time_s <= _LONGEST_GAP_S]
-        seen = [_measured(shaft) for shaft in shafts]
-        known = matches([one.predicted(time_s) for one in self._tracks], [m.values for m in seen])
+        # However slow the frames are, a shaft of the last frame may still be the same.
+        since = min(time_s - _LONGEST_GAP_S, self._last_s)
+        self._tracks, self._last_s = [t for t in self._tracks if t.time_s >= since], time_s
+        seen = [self._measured(shaft) for shaft in shafts]
+        known = matches(
+            [one.predicted(time_s) for one in self._tracks], [m.values for m in seen],
+            _NEAR_DIAMETERS * self._diameter_mm,
+        )  # fmt: skip
         tracks = [self._followed(known.get(row), one, time_s) for row, one in enumerate(seen)]
         return [
             self._smoothed(shaft, track, frame.rgb)
@@ -66,10 +75,15 @@ class Tracker:
             track=track.number,
         )
 
+    def _measured(self, shaft: FoundShaft) -> Measurement:
+        if shaft.deviations is not None:
+            return Measurement(shaft.pose, shaft.deviations)
+        return Measurement(shaft.pose, _UNFITTED * ([self._diameter_mm] * 3 + [1.0] * 2))
 
-def matches(expected: Sequence[Array], seen: Sequence[Array]) -> dict[int, int]:
-    """For each of the seen shafts (6,: tip and axis) that is near enough to an expected one, the
-    number of that one; nearest tips first."""
+
+def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) -> dict[int, int]:
+    """For each of the seen shafts (6,: see `tip_and_axis`) whose tip is within `near_mm` of an
+    expected one's, with a similar axis, the number of that one; nearest tips first."""
     pairs = [
         (float(np.linalg.norm(one[:3] - other[:3])), row, column)
         for row, one in enumerate(seen)
@@ -78,10 +92,6 @@ def matches(expected: Sequence[Array], seen: Sequence[Array]) -> dict[int, int]:
     ]
     found: dict[int, int] = {}
     for distance, row, column in sorted(pairs):
-        if distance <= _NEAR_MM and row not in found and column not in found.values():
+        if distance <= near_mm and row not in found and column not in found.values():
             found[row] = column
     return found
-
-
-def _measured(shaft: FoundShaft) -> Measurement:
-    return Measurement(shaft.pose, _UNFITTED if shaft.deviations is None else shaft.deviations)

@@ -12,7 +12,7 @@ _TIP_DENSITY, _AXIS_DENSITY = 2000.0, 1.0
 _FIRST_TIP_SPEED, _FIRST_AXIS_SPEED = 50.0, 1.0
 # Squared Mahalanobis distance above which a measurement counts less: such errors are no noise.
 _FAR = 16.0
-_RADIAL = 1e-3  # standard deviation of the length of a measured axis, which is 1
+_RADIAL = 1e-3  # standard deviation of the length of a measured axis; the length is 1
 
 
 class Measurement:
@@ -22,7 +22,7 @@ class Measurement:
     """
 
     def __init__(self, pose: ShaftPose, deviations: Array) -> None:
-        self.values = np.concatenate([pose.tip_mm, pose.direction])
+        self.values = tip_and_axis(pose)
         turned = axis_derivatives(pose) * np.radians(deviations[3:])
         self.covariance = np.zeros((6, 6))
         self.covariance[:3, :3] = np.diag(deviations[:3] ** 2)
@@ -33,7 +33,7 @@ class Track:
     """A shaft with constant velocity but for random accelerations.
 
     The state (12,) is the tip, the axis and their velocities; the axis keeps its length of 1, so
-    that no angle has a seam. time_s: of the first measurement.
+    that no angle has a seam. time_s: of the last measurement.
     """
 
     def __init__(self, number: int, first: Measurement, time_s: float) -> None:
@@ -78,6 +78,11 @@ class Track:
         self._state = motion @ self._state
         self._covariance = motion @ self._covariance @ motion.T + np.kron(growth, density)
         self.time_s = time_s
+
+
+def tip_and_axis(pose: ShaftPose) -> Array:
+    """(6,) the tip in mm and the unit vector along the axis."""
+    return np.concatenate([pose.tip_mm, pose.direction])
 
 
 def axis_derivatives(pose: ShaftPose) -> Array:

@@ -94,7 +94,7 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
     """The table row of one variant, with the accuracy of its network's own poses."""
     training, metrics = evaluation.training, evaluation.accuracy.metrics
     size, real = training.recipe["size"], training.data.real
-    scaled = "backbone" in training.variant["network"]
+    scaled = training.has_backbone
     return VariantRow(
         variant=name,
         title=evaluation.title,

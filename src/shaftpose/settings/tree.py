@@ -155,7 +155,7 @@ def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
             f"conf/variant/{variant.name}.yaml: symmetries = True: mirrored and rotated "
             f"shafts leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
             f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn from 0, "
-            "or set symmetries to false"
+            "set symmetries to false, or do not train the variant (params.yaml: variants)"
         )
 
 

@@ -60,8 +60,8 @@ class Refiner:
         if fit is None or gradients is None:
             return fit
         in_image = partial(image_offsets, gradients)
-        # The image's edges are no second witness: the mask was learned from them. `fit_pose`
-        # therefore counts what both tell, too, by less than its sum.
+        # The mask was learned from the same edges, so the two are not independent: `fit_pose`
+        # divides the mask's information a second time.
         polished = fit_pose(
             fit.pose, self.shaft, self.camera, in_image, _EDGE_STAGES, fit.information
         )
