@@ -28,6 +28,7 @@ from shaftpose.settings.tree import Settings
 
 ROOT = Path(__file__).parents[1]
 FPS = 25.0
+SIDE_PX = 300  # of the film: MP4 crops the odd size of rendered images
 FILM, POSES = "film.mp4", "poses.json"
 # Middle of the motion, amplitude and period in s of x, y, z, pitch and yaw: two hands that work
 # around the image's centre. The right shaft's yaw passes from 359 to 0 deg.
@@ -66,14 +67,16 @@ def write_film(settings: Settings, frames: int, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     first = first_scene(settings)
     scenes = [replace(first, shafts=poses_at(number / FPS)) for number in range(frames)]
-    side = settings.rendering.camera.size_px
-    writer = cv2.VideoWriter(str(out / FILM), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (side, side))
+    writer = cv2.VideoWriter(
+        str(out / FILM), cv2.VideoWriter.fourcc(*"mp4v"), FPS, (SIDE_PX, SIDE_PX)
+    )
     if not writer.isOpened():
         raise InputError(f"{out / FILM}: cannot be written; name another folder")
     with blender_output_hidden():
         renderer = Renderer(settings.rendering)
     for scene in tqdm(scenes, "rendering", unit="frame"):
-        writer.write(cv2.cvtColor(rendered(renderer, scene), cv2.COLOR_RGB2BGR))
+        bgr = cv2.cvtColor(rendered(renderer, scene), cv2.COLOR_RGB2BGR)
+        writer.write(cv2.resize(bgr, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_CUBIC))
     writer.release()
     write_json(out / POSES, [[asdict(pose) for pose in scene.shafts] for scene in scenes])
 

@@ -179,12 +179,12 @@ def test_a_film_of_moving_shafts_is_rendered(finished: Path, run: Run) -> None:
     result = run("python", "-m", "studies.moving_shafts", "film", "--frames", "2")
     assert result.returncode == 0, result.stderr
     first, second = VideoFile(finished / "film/film.mp4").frames()
-    assert (first.fps, first.rgb.shape) == (25.0, (299, 299, 3))
+    assert (first.fps, first.rgb.shape) == (25.0, (300, 300, 3))
     poses = json.loads((finished / "film/poses.json").read_text())
     assert [len(shafts) for shafts in poses] == [2, 2]
     # Between the frames, pixels change around the shafts only.
     changed = np.abs(first.rgb.astype(int) - second.rgb).max(axis=2) > 30
-    camera = Camera.from_field_of_view(299, 299, 95.0)
+    camera = Camera.from_field_of_view(300, 300, 95.0)
     lines = [
         camera.project(pose.tip_mm + length_mm * pose.direction)
         for pose in (ShaftPose(**stated) for stated in poses[0])
