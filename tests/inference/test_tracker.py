@@ -42,6 +42,7 @@ def test_a_shaft_that_was_away_for_long_is_a_new_one() -> None:
     assert [one.track for one in follow(frame(0), [shaft(0)])] == [1]
     assert follow(frame(5), []) == []
     assert [one.track for one in follow(frame(12), [shaft(0.5)])] == [1]
+    assert follow(frame(13), []) == []
     assert [one.track for one in follow(frame(26), [shaft(0.5)])] == [2]
 
 
