@@ -15,9 +15,10 @@ import yaml
 from shaftpose.core.batches import Batch
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.instruments import Annotations
+from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
 from shaftpose.dataset.coco import RealImage, RealInstrument
+from shaftpose.dataset.run_lengths import encode
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import (
     Images,
@@ -207,6 +208,18 @@ def test_real_images_have_boxes_and_no_poses(tmp_path: Path) -> None:
     assert (len(images), rgb.shape) == (1, (SIZE, SIZE, 3))
     assert annotations.boxes.tolist() == [BOX]
     assert annotations.poses is None
+
+
+def test_masks_of_real_images_are_known_only_if_every_shaft_has_one(tmp_path: Path) -> None:
+    boxed = replace(real_images(tmp_path), with_instances=True)
+    assert boxed[0][1].instances is not None
+    assert np.all(boxed[0][1].instances == UNKNOWN)
+    mask = np.zeros((SIZE, 48), dtype=np.uint8)
+    mask[8:24, 12:24] = 1
+    image = boxed.images[0]
+    shaft = replace(image.instruments[0], mask=encode(mask))
+    masked = replace(boxed, images=[replace(image, instruments=(shaft,))])
+    np.testing.assert_array_equal(masked[0][1].instances, mask[:, 8:40])
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from shaftpose.core.batches import Targets
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.dense_decoding import decode
 from shaftpose.network.dense_loss import border_weight, loss_terms
 from shaftpose.network.dense_network import DenseNetwork
@@ -28,9 +29,9 @@ def mask_of(pose: list[float]) -> np.ndarray:
 
 
 def targets_of(poses: list[list[float]]) -> Targets:
-    """One image of these shafts; the second image of the batch has neither masks nor poses."""
+    """One image of these shafts; the second image of the batch has unknown masks and no poses."""
     masks = [mask_of(pose) for pose in poses]
-    instances = np.zeros((2, SIDE, SIDE), dtype=np.uint8)
+    instances = np.stack([np.zeros((SIDE, SIDE)), np.full((SIDE, SIDE), UNKNOWN)]).astype(np.uint8)
     for number, mask in enumerate(masks, 1):
         instances[0][mask & (instances[0] == 0)] = number
     boxes = torch.tensor([mask_box(mask) for mask in masks]).float() / SIDE
@@ -117,6 +118,18 @@ def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
+
+
+def test_an_image_without_poses_teaches_its_mask_alone() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
+    known = targets.instances[[0, 0]]
+    known[1, :, :50] = UNKNOWN
+    loss_terms(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
+    assert mask.grad is not None and maps.grad is not None
+    assert mask.grad[1].any() and not maps.grad[1].any()
+    assert not mask.grad[1, :, :, :24].any()  # half the resolution
 
 
 def test_the_border_weighs_ten_times_as_much() -> None:

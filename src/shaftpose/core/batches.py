@@ -10,8 +10,8 @@ class Targets(NamedTuple):
 
     boxes: (B, G, 4) float `x0, y0, x1, y1` in units of the image's side; poses: (B, G, 5) float mm
     and deg; valid: (B, G) bool, False for padding; has_pose: (B,) bool, False for real images;
-    instances: (B, H, W) uint8, instrument number of each pixel, from 1, or 0 for background; None
-    if the network does not learn masks.
+    instances: (B, H, W) uint8, instrument number of each pixel, from 1, or 0 for background, or
+    `UNKNOWN`; None if the network does not learn masks.
     """
 
     boxes: Tensor

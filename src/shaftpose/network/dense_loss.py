@@ -5,6 +5,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.core.batches import Targets
+from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.dense_targets import dense_targets
 from shaftpose.network.pinhole import Pinhole
 
@@ -23,24 +24,25 @@ def loss_terms(mask: Tensor, maps: Tensor, targets: Targets, pinhole: Pinhole) -
     heat, values, on_shaft = dense_targets(targets, maps.shape[-1], pinhole)
     assert targets.instances is not None
     terms = {
-        "mask": mask_loss(mask.float(), (targets.instances > 0).float(), targets.has_pose),
+        "mask": mask_loss(mask.float(), targets.instances),
         "tip": tip_loss(maps[:, 0].float().sigmoid(), heat, targets.has_pose),
         "pose": pose_loss(maps[:, 1:].float(), values, on_shaft),
     }
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
 
-def mask_loss(logits: Tensor, truth: Tensor, known: Tensor) -> Tensor:
+def mask_loss(logits: Tensor, instances: Tensor) -> Tensor:
     """Border-weighted cross-entropy plus Dice loss, at the image's resolution.
 
     Upsampling before the loss lets a half-resolution mask learn subpixel edges.
-    truth: (B, H, W) 0 or 1; known: (B,) bool, images with a mask.
+    instances: (B, H, W), see `Targets`; pixels that are `UNKNOWN` count nothing.
     """
+    known = instances != UNKNOWN
+    truth = (known & (instances > 0)).float()
     logits = functional.interpolate(logits, size=truth.shape[-2:], mode="bilinear")[:, 0]
-    weight = border_weight(truth) * known[:, None, None]
+    weight = border_weight(truth) * known
     entropy = functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")
-    share = logits.sigmoid() * known[:, None, None]
-    truth = truth * known[:, None, None]
+    share = logits.sigmoid() * known
     dice = 1 - (2 * (share * truth).sum() + 1) / (share.sum() + truth.sum() + 1)
     return _MASK_WEIGHT * (weight * entropy).sum() / weight.sum().clamp(min=1) + dice
 

@@ -24,8 +24,8 @@ def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> tuple[Tenso
     tips = pinhole.project(poses[..., :3])
     distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
     heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * known[..., None, None]
-    shaft = _coarse(targets, cells) - 1
-    on_shaft = (shaft >= 0) & targets.has_pose[:, None, None]
+    shaft = torch.where(targets.has_pose[:, None, None], _coarse(targets, cells) - 1, -1)
+    on_shaft = shaft >= 0
     rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
     chosen = shaft.clamp(min=0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
     values = rows.gather(1, chosen).unflatten(1, (cells, cells))
