@@ -104,6 +104,11 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
 
 
+def _add_real(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", choices=("fetch",))
+    parser.add_argument("folder", type=Path, help="to write to; becomes params.yaml: real.source")
+
+
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
 
@@ -133,6 +138,11 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         "draw a contact sheet of a folder",
         "example: shaftpose show dataset data/render/images --out look.jpg",
         _add_show,
+    ),
+    "real": (
+        "download public endoscopic images, annotated by this project",
+        "example: shaftpose real fetch ../endoscopic",
+        _add_real,
     ),
     "check": (
         "test whether this machine can predict, and what a camera sees",
