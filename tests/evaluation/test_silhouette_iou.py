@@ -42,5 +42,6 @@ def test_a_missed_image_counts_in_the_mean():
         iou=pytest.approx((1 / 3 + 0) / 2),
         images=2,
         instruments=2,
-        iou_interval=(0, pytest.approx(1 / 3)),  # a quarter of the resamples is each image twice
+        iou_low=0,
+        iou_high=pytest.approx(1 / 3),  # a quarter of the resamples is each image twice
     )

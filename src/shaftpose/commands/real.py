@@ -14,9 +14,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-import cv2
-
-from shaftpose.core.images import read_rgb, write_jpeg
+from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 from shaftpose.errors import InputError
 from shaftpose.files import new_file
 from shaftpose.json_files import read_json
@@ -131,6 +129,6 @@ def _copy(source: Path, target: Path) -> None:
 def _write_square(source: Path, crop: Crop, out: Path) -> None:
     """Write a crop, into a folder of its operation, which counts as one source of backgrounds."""
     rgb = read_rgb(source)[crop.y : crop.y + crop.size, crop.x : crop.x + crop.size]
-    square = cv2.resize(rgb, (_BACKGROUND_PX, _BACKGROUND_PX), interpolation=cv2.INTER_AREA)
+    square = centre_square(rgb, _BACKGROUND_PX)
     name = f"{crop.repository}-{crop.operation}"
     write_jpeg(square, out / name / f"{Path(crop.file).stem}.jpg")

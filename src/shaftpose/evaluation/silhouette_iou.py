@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.evaluation.bootstrap import Interval, mean_interval
+from shaftpose.evaluation.bootstrap import mean_interval
 from shaftpose.evaluation.detected_rate import detected_rate
 
 Mask = NDArray[np.bool_]
@@ -22,15 +22,16 @@ Mask = NDArray[np.bool_]
 class SilhouetteScore:
     """One cell pair of Table II and the number of images and instruments behind it.
 
-    iou_interval: 95 % confidence interval of `iou`. tip_px, axis_deg: median errors of tip and axis
-    in the image, see `image_axes`.
+    iou_low, iou_high: 95 % confidence interval of `iou`. tip_px, axis_deg: median errors of tip and
+    axis in the image, see `image_axes`.
     """
 
     detected_rate: float | None
     iou: float | None
     images: int
     instruments: int
-    iou_interval: Interval | None = None
+    iou_low: float | None = None
+    iou_high: float | None = None
     tip_px: float | None = None
     axis_deg: float | None = None
 
@@ -63,10 +64,12 @@ def silhouette_score(
     pairs = zip(true_masks, predicted_masks, strict=True)
     overlaps = [silhouette_iou(true, predicted) for true, predicted in pairs]
     defined = [overlap for overlap in overlaps if overlap is not None]
+    low, high = mean_interval(defined) or (None, None)
     return SilhouetteScore(
         detected_rate=detected_rate(detections, annotations, confidence),
         iou=float(np.mean(defined)) if defined else None,
         images=len(annotations),
         instruments=sum(len(known.boxes) for known in annotations),
-        iou_interval=mean_interval(defined),
+        iou_low=low,
+        iou_high=high,
     )

@@ -43,9 +43,20 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
+        *_image_errors(report, level),
         f"{level} How each variant was trained",
         pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
     ]
+
+
+def _image_errors(report: AblationReport, level: str) -> list[str]:
+    """Heading, sentence and table of the errors in the image, if they were measured."""
+    rows = report_tables.image_errors(report)
+    headings = ["Images", "Variant", *(c.heading for c in report_tables.IMAGE_COLUMNS)]
+    if not rows:
+        return []
+    title = f"{level} Tip and axis in the image"
+    return [title, report_tables.IMAGE_ERRORS, pipe_table(headings, rows)]
 
 
 def table_i_block(rows: list[ComparedRow], columns: tuple[report_tables.Column, ...]) -> str:
@@ -97,6 +108,9 @@ def to_html(report: AblationReport) -> str:
         setup_rows=report_tables.setup_rows(report),
         notes_i=report_tables.table_i_scale(report),
         notes_ii=report_tables.table_ii_scale(report),
+        image_columns=report_tables.IMAGE_COLUMNS,
+        image_rows=report_tables.image_errors(report),
+        image_note=report_tables.IMAGE_ERRORS,
         figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
         missing=MISSING,
     )

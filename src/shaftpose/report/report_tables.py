@@ -49,6 +49,16 @@ TABLE_II_COLUMNS = (
     Column("occluded/detected_rate", "Occluded: detected rate", 3),
     Column("occluded/iou", "Occluded: IoU", 3),
 )
+IMAGE_COLUMNS = (
+    Column("clear/tip_px", "Clear: tip [px]", 1),
+    Column("clear/axis_deg", "Clear: axis [deg]", 1),
+    Column("occluded/tip_px", "Occluded: tip [px]", 1),
+    Column("occluded/axis_deg", "Occluded: axis [deg]", 1),
+)
+IMAGE_ERRORS = (
+    "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "
+    "poses in mm, they can be measured where camera and diameter are unknown."
+)
 SETUP_COLUMNS = (
     "Variant",
     "Training images",
@@ -121,7 +131,7 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
         ComparedRow(
             title=report.title(variant),
             paper=_paper_silhouette_cells(variant, paper_domain),
-            ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
+            ours=_with_intervals(_by_set(sets, domain)),
             domain=domain,
             paper_domain=paper_word,
             champion=variant == report.champion.variant,
@@ -130,6 +140,27 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
         for variant, sets in report.silhouette.items()
         if any(name.startswith(f"{domain}/") for name in sets)
     ]
+
+
+def image_errors(report: AblationReport) -> list[list[str]]:
+    """Images, variant and errors of tip and axis in the image, in the order of `IMAGE_COLUMNS`;
+    without variants for which they were not measured."""
+    rows = [
+        [domain, report.title(variant), *cells(_by_set(sets, domain), IMAGE_COLUMNS)]
+        for domain in (RENDERED, report.domain_label)
+        for variant, sets in report.silhouette.items()
+    ]
+    return [row for row in rows if set(row[2:]) != {MISSING}]
+
+
+def _with_intervals(values: MetricValues) -> list[str]:
+    """The cells of Table II, with the 95 % intervals of IoU where they were computed."""
+    shown = cells(values, TABLE_II_COLUMNS)
+    for n, column in enumerate(TABLE_II_COLUMNS):
+        low, high = (values.get(f"{column.name}_{end}") for end in ("low", "high"))
+        if low is not None and high is not None:
+            shown[n] += f" ({show(low, 2)} to {show(high, 2)})"
+    return shown
 
 
 def setup_rows(report: AblationReport) -> list[list[str]]:
@@ -201,7 +232,8 @@ def table_ii_scale(report: AblationReport) -> list[str]:
         f"{instruments} instruments in each cell.",
         "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
         "estimated poses, per image, averaged over images; 0 if the network detects nothing. A "
-        "silhouette counts even if its box is too inaccurate to count as detected. Silhouettes "
+        "silhouette counts even if its box is too inaccurate to count as detected. In brackets: "
+        "95 % confidence interval (bootstrap over images). Silhouettes "
         "ignore occlusion: on occluded images, which hide a part of each shaft, no pose reaches 1.",
     ]
     if report.domain_label == STAND_IN:
