@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shaftpose.core.drawing import prediction_sheet
 from shaftpose.core.figure_style import save_figure
@@ -22,6 +23,8 @@ from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.metrics import Metrics, evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
 from shaftpose.evaluation.results import Accuracy, Evaluation
+from shaftpose.evaluation.summary import Summary, summary
+from shaftpose.evaluation.symmetric_errors import symmetric_errors
 from shaftpose.figures.accuracy_figures import (
     error_over_bound_figure,
     pose_error_figure,
@@ -29,7 +32,7 @@ from shaftpose.figures.accuracy_figures import (
 )
 from shaftpose.handovers import FITTED, TrainingFacts
 from shaftpose.settings.parsing import as_plain
-from shaftpose.settings.parts import PoseRanges
+from shaftpose.settings.parts import RenderSettings
 from shaftpose.settings.tree import Settings
 
 DRAWN_IMAGES, COLUMNS = 12, 4
@@ -92,27 +95,39 @@ class ModelResults:
         found, known = predict_shards(self.predictor, self.shards, keys)
         return evaluate(found, known, self.confidence)
 
-    def accuracy(self, ranges: PoseRanges) -> Accuracy:
-        """The values for the report; ranges: from which poses are drawn."""
+    def accuracy(self, rendering: RenderSettings) -> Accuracy:
+        """The values for the report; rendering: of the images."""
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
         visible = np.array(fractions)
         return Accuracy(
             metrics=self.metrics,
-            binned_errors=binned_errors(self.errors, visible, ranges),
+            binned_errors=binned_errors(self.errors, visible, rendering.poses),
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
+            summary=self._summary(rendering),
         )
+
+    def _summary(self, rendering: RenderSettings) -> Summary:
+        true, diameter_mm = self.errors.true_poses, rendering.shaft.diameter_mm
+        images = _image_of_instruments(self.known)[self.errors.instruments]
+        cameras = [self.shards.camera(self.keys[n]) for n in images]
+        further = symmetric_errors(true + self.errors.differences, true, diameter_mm, cameras)
+        return summary(self.found, self.known, self.errors, vars(further))
 
 
 def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:
     """The numbers of `count` images with the largest tip errors, the largest first, then of as many
     others with missed instruments."""
-    image_of = np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
+    image_of = _image_of_instruments(known)
     by_error = errors.instruments[np.argsort(-errors.tip_mm, kind="stable")]
     missed = np.setdiff1d(np.arange(len(image_of)), errors.instruments)
     far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
     others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
     return far + others[:count]
+
+
+def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
+    return np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
 
 
 def evaluation(
@@ -123,13 +138,13 @@ def evaluation(
     fitted: ModelResults | None = None,
 ) -> Evaluation:
     """The evaluation of a network and, if it has them, of its fitted poses."""
-    ranges = settings.rendering.poses
+    rendering = settings.rendering
     return Evaluation(
         title=settings.variant.title,
         training=training,
         detection=as_plain(settings.detection),
-        accuracy=alone.accuracy(ranges),
-        fitted=None if fitted is None else fitted.accuracy(ranges),
+        accuracy=alone.accuracy(rendering),
+        fitted=None if fitted is None else fitted.accuracy(rendering),
         validation=(fitted or alone).validation(),
         curves=curves,
     )

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
+from shaftpose.evaluation.bootstrap import Interval
+from shaftpose.evaluation.summary import Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
     REAL,
@@ -54,6 +56,23 @@ IMAGE_COLUMNS = (
     Column("clear/axis_deg", "Clear: axis [deg]", 1),
     Column("occluded/tip_px", "Occluded: tip [px]", 1),
     Column("occluded/axis_deg", "Occluded: axis [deg]", 1),
+)
+SPREAD_ERRORS = (("tip_mm", 2), ("axis_deg", 1), ("add_s_mm", 2), ("mssd_mm", 2), ("mspd_px", 1))
+SPREAD_COLUMNS = (
+    "Variant",
+    "mAP",
+    "Detected rate",
+    "Detected rate at 0.5",
+    "Tip [mm]",
+    "Axis [deg]",
+    "ADD-S [mm]",
+    "MSSD [mm]",
+    "MSPD [px]",
+)
+SPREAD = (
+    "mAP and detected rate: 95 % confidence intervals (bootstrap over test images). Errors: "
+    "median; 95th percentile (interval of the mean). ADD-S, MSSD and MSPD are those of the BOP "
+    "benchmark, for the 10 mm of the shaft next to its tip."
 )
 IMAGE_ERRORS = (
     "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "
@@ -121,6 +140,35 @@ def beside_paper(
         )
         for row in rows
     ]
+
+
+def spread_rows(report: AblationReport) -> list[list[str]]:
+    """Intervals, medians and 95th percentiles of each variant that has them, in the order of
+    `SPREAD_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            show_interval(row.summary.mAP, 3),
+            show_interval(row.summary.detected_rate, 3),
+            show(row.summary.detected_rate_at_half, 3),
+            *(_error_cell(row.summary, name, decimals) for name, decimals in SPREAD_ERRORS),
+        ]
+        for row in report.rows
+        if row.summary
+    ]
+
+
+def show_interval(ends: Interval | None, decimals: int) -> str:
+    """An interval as text, such as "0.91 to 0.95"."""
+    return MISSING if ends is None else f"{show(ends[0], decimals)} to {show(ends[1], decimals)}"
+
+
+def _error_cell(summary: Summary, name: str, decimals: int) -> str:
+    error = summary.errors.get(name)
+    if error is None:
+        return MISSING
+    shown = (error.median, error.p95, *error.interval)
+    return "{}; {} ({} to {})".format(*(show(value, decimals) for value in shown))
 
 
 def table_ii(report: AblationReport) -> list[ComparedRow]:
