@@ -49,6 +49,9 @@ report: $(READY)  ## update the report, one stage at a time
 variant-%: $(READY)  ## train one of `variants` on existing data, as in `make variant-d`
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
+preset-%: $(READY)  ## write the values of a file of conf/presets into params.yaml, as in `make preset-real`
+	python tools/apply_preset.py conf/presets/$*.yaml
+
 # A file of tests stays in one process, whose costly fixtures its tests share; one thread each, for
 # the processes fill the cores. In the given order, the longest files do not come last.
 test: $(READY)  ## run all tests, a process per core

@@ -27,7 +27,7 @@ def apply_preset(preset: Path, params: Path = PARAMS) -> None:
 def _replace(values: Any, changes: Mapping[str, Any], where: str) -> None:
     for name, change in changes.items():
         if name not in values:
-            sys.exit(f"error: {where}: {name}: not in params.yaml; remove it")
+            sys.exit(f"error: {where}: {name}: not in params.yaml; remove it from the preset")
         if isinstance(change, Mapping):
             _replace(values[name], change, f"{where}: {name}")
         else:
