@@ -65,7 +65,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "such names from standard input, one a line",
     )  # fmt: skip
     parser.add_argument(
-        "--model", help="ONNX file, or mlflow:/NAME@ALIAS of a registry (the package's own model)"
+        "--model",
+        help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
+        "of a registry (shaftpose)",
     )
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
@@ -130,7 +132,7 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         _add_predict,
     ),
     "models": (
-        "describe the model that comes with the package",
+        "describe the models that come with the package",
         "example: shaftpose models",
         _add_nothing,
     ),
