@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.drawing import prediction_sheet
 from shaftpose.core.figure_style import save_figure
+from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
@@ -98,19 +99,24 @@ class ModelResults:
     def accuracy(self, rendering: RenderSettings) -> Accuracy:
         """The values for the report; rendering: of the images."""
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
-        visible = np.array(fractions)
+        visible, cameras = np.array(fractions), self._cameras()
+        tips = zip(cameras, self.errors.true_poses[:, :3], strict=True)
+        border = np.array([_border_px(camera, tip) for camera, tip in tips])
         return Accuracy(
             metrics=self.metrics,
-            binned_errors=binned_errors(self.errors, visible, rendering.poses),
+            binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
-            summary=self._summary(rendering),
+            summary=self._summary(rendering.shaft.diameter_mm, cameras),
         )
 
-    def _summary(self, rendering: RenderSettings) -> Summary:
-        true, diameter_mm = self.errors.true_poses, rendering.shaft.diameter_mm
+    def _cameras(self) -> list[Camera]:
+        """The camera that saw each detected instrument."""
         images = _image_of_instruments(self.known)[self.errors.instruments]
-        cameras = [self.shards.camera(self.keys[n]) for n in images]
+        return [self.shards.camera(self.keys[n]) for n in images]
+
+    def _summary(self, diameter_mm: float, cameras: Sequence[Camera]) -> Summary:
+        true = self.errors.true_poses
         further = symmetric_errors(true + self.errors.differences, true, diameter_mm, cameras)
         return summary(self.found, self.known, self.errors, vars(further))
 
@@ -124,6 +130,12 @@ def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -
     far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
     others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
     return far + others[:count]
+
+
+def _border_px(camera: Camera, tip_mm: NDArray[np.float64]) -> float:
+    """Distance of a tip from the nearest border of its image."""
+    at, size = camera.project(tip_mm), np.array([camera.width, camera.height])
+    return float(np.minimum(at, size - at).min())
 
 
 def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
