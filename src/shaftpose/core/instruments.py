@@ -19,12 +19,13 @@ class Annotations:
 
     boxes: (G, 4) float; poses: (G, 5) float, or None where poses are unknown (real images);
     instances: (H, W), instrument number of each pixel, from 1, or 0 for background, or `UNKNOWN`;
-    None if not requested.
+    None if not requested. tips_px: (G, 2), of instruments without poses, NaN where unknown.
     """
 
     boxes: NDArray[np.float64]
     poses: NDArray[np.float64] | None
     instances: NDArray[np.uint8] | None = None
+    tips_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

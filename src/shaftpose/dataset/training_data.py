@@ -79,7 +79,7 @@ class RealImages(Images):
                 instances[mask] = number
             if not all(mask.any() for mask in sample.masks):
                 instances[:] = UNKNOWN
-        return sample.rgb, Annotations(sample.boxes, None, instances)
+        return sample.rgb, Annotations(sample.boxes, None, instances, sample.axes[:, 0])
 
 
 @dataclass(frozen=True)
@@ -167,6 +167,7 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
         torch.from_numpy(valid),
         has_pose,
         _stacked_instances(items),
+        _padded_tips(items, places),
     )
     return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
 
@@ -175,6 +176,17 @@ def _stacked_instances(items: Sequence[LabelledImage]) -> torch.Tensor | None:
     """Instrument maps (B, H, W) uint8; None if no image has one."""
     maps = [known.instances for _, known in items if known.instances is not None]
     return torch.from_numpy(np.stack(maps)) if maps else None
+
+
+def _padded_tips(items: Sequence[LabelledImage], places: int) -> torch.Tensor | None:
+    """Tips (B, G, 2) px of images without poses; None if no image has any."""
+    if all(known.tips_px is None for _, known in items):
+        return None
+    tips = np.full((len(items), places, 2), np.nan, dtype=np.float32)
+    for n, (_, known) in enumerate(items):
+        if known.tips_px is not None:
+            tips[n, : len(known.tips_px)] = known.tips_px
+    return torch.from_numpy(tips)
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,12 @@ def loss_terms(mask: Tensor, maps: Tensor, targets: Targets, pinhole: Pinhole) -
 
     mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
     """
-    heat, values, on_shaft = dense_targets(targets, maps.shape[-1], pinhole)
+    truth = dense_targets(targets, maps.shape[-1], pinhole)
     assert targets.instances is not None
     terms = {
         "mask": mask_loss(mask.float(), targets.instances),
-        "tip": tip_loss(maps[:, 0].float().sigmoid(), heat, targets.has_pose),
-        "pose": pose_loss(maps[:, 1:].float(), values, on_shaft),
+        "tip": tip_loss(maps[:, 0].float().sigmoid(), truth.heat, truth.has_heat),
+        "pose": pose_loss(maps[:, 1:].float(), truth.values, truth.counts),
     }
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
@@ -68,7 +68,9 @@ def tip_loss(heat: Tensor, truth: Tensor, known: Tensor) -> Tensor:
     return losses.sum() / (_TIP_CELLS * known.sum().clamp(min=1))
 
 
-def pose_loss(values: Tensor, truth: Tensor, on_shaft: Tensor) -> Tensor:
-    """Smooth L1 of tip offset, tip depth and axis, averaged over the cells of shafts."""
-    errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=_SMOOTH).sum(1)
-    return (errors * on_shaft).sum() / on_shaft.sum().clamp(min=1)
+def pose_loss(values: Tensor, truth: Tensor, counts: Tensor) -> Tensor:
+    """Smooth L1 of tip offset, tip depth and axis where they count, averaged over the cells of
+    shafts."""
+    errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=_SMOOTH)
+    cells = counts.any(1).sum().clamp(min=1)
+    return (errors * counts).sum(1).sum() / cells
