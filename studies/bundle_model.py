@@ -1,14 +1,16 @@
-"""Bundle the model of a finished training with the package.
+"""Bundle the model of a finished training with the package, by a name.
 
 `python -m studies.bundle_model FOLDER` takes a training that `studies.evaluate_trainings` has
 evaluated on the images in data/; for the pipeline's variant e: `models/e --results
 data/results/e`. It stores the model in half the bytes, compares both files on the test images, and
-writes src/shaftpose/models/ (model, checksum, card) and tests/data/bundled_model/ (three test
-images, and bounds for the model's errors on them).
+writes it to src/shaftpose/models/, with checksum and card, and three test images with bounds for
+the model's errors on them to tests/data/bundled_models/. Images in front of a folder's backgrounds
+are not written: they belong to others.
 """
 
 import argparse
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,14 +19,15 @@ import onnx
 from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
-from shaftpose.deployment.bundled import CHECKSUM, MODEL, checksum
+from shaftpose.deployment.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
 from shaftpose.deployment.half_weights import with_half_weights
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.handovers import read_handover
-from shaftpose.report.report_tables import TABLE_I_METRICS, cells
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore
+from shaftpose.handovers import FITTED, read_handover
+from shaftpose.report.report_tables import TABLE_I_METRICS, cells, show
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check, finished
@@ -33,9 +36,8 @@ from studies.model_frames import complaints, write_frames
 from studies.templates import rendered
 
 ROOT = Path(__file__).parents[1]
-MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_model")
-CARD = "shaftpose.md"
-MOST_BYTES = 8_000_000
+MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_models")
+MOST_BYTES = 8_000_000  # of all bundled models
 SAME_MAP = 1e-3  # rounding causes smaller differences
 
 
@@ -44,13 +46,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folder", type=Path, help="folder of an exported and evaluated training")
     parser.add_argument("--results", type=Path, help="folder of evaluation.json (default: FOLDER)")
+    parser.add_argument("--name", default=DEFAULT, help=f"of the model ({DEFAULT})")
+    parser.add_argument("--notice", type=Path, help="text file on the origin of its images")
     arguments = parser.parse_args()
     with exit_on_input_error():
-        bundle(arguments.folder, arguments.results or arguments.folder, ROOT)
+        notice = arguments.notice.read_text() if arguments.notice else ""
+        folder = arguments.folder
+        bundle(folder, arguments.results or folder, ROOT, arguments.name, notice)
 
 
-def bundle(folder: Path, results: Path, root: Path) -> None:
-    """Write the training's model, its card and its frames below `root`.
+def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice: str = "") -> None:
+    """Write the training's model, its card and its frames below `root`; notice: for the card.
 
     Raises InputError, and writes nothing, if the training is not finished and evaluated, or its
     model is too large or loses too much.
@@ -59,21 +65,39 @@ def bundle(folder: Path, results: Path, root: Path) -> None:
     result, exported = evaluated(folder, results), Predictor(folder / "model.onnx")
     shards, keys = ShardedDataset(Path("data/render/images")), read_keys(Path("data/split"), "test")
     with TemporaryDirectory() as scratch:
-        models, frames = Path(scratch) / MODELS, Path(scratch) / FRAMES
-        stored = Predictor(store(folder / "model.onnx", models))
+        models, frames = Path(scratch) / MODELS, Path(scratch) / FRAMES / name
+        stored = Predictor(store(folder / "model.onnx", models, name))
+        refuse_too_large(models, root / MODELS)
         comparison = compare(exported, stored, shards, keys)
         print(comparison)
         refuse_another(folder, result, comparison.exported)
         write_frames(frames, shards, keys, exported)
+        procedural = str(shards.facts(keys[0])["source"]).startswith("tissue-")
         if (worse := complaints(stored, frames)) or not comparison.holds:
             what = "; ".join([str(comparison), *worse])
             raise InputError(f"{folder}/model.onnx: loses too much in 16 bits: {what}")
-        source = shards.facts(keys[0])["source"]
-        (models / CARD).write_text(card(result, stored, comparison, source))
-        for part in (MODELS, FRAMES):
-            shutil.rmtree(root / part, ignore_errors=True)
-            shutil.copytree(Path(scratch) / part, root / part)
-    print(f"written to {MODELS} and {FRAMES}")
+        text = card(name, result, stored, comparison, procedural, silhouettes(results), notice)
+        (models / f"{name}{CARD_SUFFIX}").write_text(text)
+        shutil.copytree(models, root / MODELS, dirs_exist_ok=True)
+        shutil.rmtree(root / FRAMES / name, ignore_errors=True)
+        if procedural:
+            shutil.copytree(frames, root / FRAMES / name)
+    print(f"{name}: written to {MODELS}" + (f" and {FRAMES / name}" if procedural else ""))
+
+
+def silhouettes(results: Path) -> Mapping[str, SilhouetteScore]:
+    """The silhouettes' scores by set of images, of fitted poses if there are any; empty if they
+    were not measured."""
+    path = results / "silhouette.json"
+    if not path.is_file():
+        return {}
+    scores = read_handover(path, dict[str, SilhouetteScore], "run `dvc repro evaluate_real`")
+    fitted = {
+        name.removeprefix(FITTED): score
+        for name, score in scores.items()
+        if name.startswith(FITTED)
+    }
+    return fitted or scores
 
 
 def evaluated(folder: Path, results: Path) -> Evaluation:
@@ -92,18 +116,25 @@ def evaluated(folder: Path, results: Path) -> Evaluation:
     return as_used
 
 
-def store(exported: Path, folder: Path) -> Path:
-    """Write the model in half the bytes, and its checksum. Raises InputError if it is too large."""
+def store(exported: Path, folder: Path, name: str) -> Path:
+    """Write the model in half the bytes, and its checksum; returns the model's file."""
     folder.mkdir(parents=True)
-    path = folder / MODEL
+    path = folder / f"{name}.onnx"
     onnx.save(with_half_weights(onnx.load(str(exported))), str(path))
-    if path.stat().st_size > MOST_BYTES:
+    (folder / f"{name}{CHECKSUM_SUFFIX}").write_bytes(checksum(path))
+    return path
+
+
+def refuse_too_large(new: Path, bundled: Path) -> None:
+    """Raise InputError if the models in both folders are too large together; those in `new` replace
+    others of their name."""
+    files = {path.name: path for folder in (bundled, new) for path in folder.glob("*.onnx")}
+    taken = sum(path.stat().st_size for path in files.values())
+    if taken > MOST_BYTES:
         raise InputError(
-            f"{exported}: takes {path.stat().st_size:,} bytes with weights of 16 bits, more than "
+            f"{', '.join(sorted(files))}: take {taken:,} bytes with weights of 16 bits, more than "
             f"the limit of {MOST_BYTES:,}; bundle a narrower network"
         )
-    (folder / CHECKSUM).write_bytes(checksum(path))
-    return path
 
 
 def refuse_another(folder: Path, recorded: Evaluation, measured: Metrics) -> None:
@@ -116,18 +147,45 @@ def refuse_another(folder: Path, recorded: Evaluation, measured: Metrics) -> Non
         )
 
 
-def card(evaluation: Evaluation, stored: Predictor, comparison: Comparison, source: str) -> str:
-    """The model card as Markdown; `source` is the id of a background of the test images."""
+def card(
+    name: str,
+    evaluation: Evaluation,
+    stored: Predictor,
+    comparison: Comparison,
+    procedural: bool,
+    scores: Mapping[str, SilhouetteScore],
+    notice: str,
+) -> str:
+    """The model card as Markdown.
+
+    procedural: whether the backgrounds are; scores: of silhouettes by set of images.
+    """
     columns = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
     files = {"exported": comparison.exported, "bundled": comparison.stored}
     return rendered(
         "model_card.md.j2",
-        file=MODEL,
+        name=name,
+        default=DEFAULT,
         title=evaluation.title,
         training=evaluation.training,
         predictor=stored,
         comparison=comparison,
-        tissue=source.startswith("tissue-"),
+        tissue=procedural,
+        notice=notice.strip(),
+        real=any(images.startswith("real/") for images in scores),
+        silhouettes=pipe_table(
+            ["Images", "Detected rate", "IoU", "Tip [px]", "Axis [deg]"],
+            [
+                [
+                    f"{images} ({score.images})",
+                    show(score.detected_rate, 3),
+                    show(score.iou, 3),
+                    show(score.tip_px, 1),
+                    show(score.axis_deg, 1),
+                ]
+                for images, score in scores.items()
+            ],
+        ),
         errors=pipe_table(
             ["File", *(column.heading for column in columns)],
             [[name, *cells(metrics.as_dict(), columns)] for name, metrics in files.items()],

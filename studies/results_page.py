@@ -22,12 +22,13 @@ def to_page(
     rounding: str,
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
+    real: AblationReport | None = None,
 ) -> str:
     """The page as Markdown, by the template results.md.j2.
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
     errors of pose classes; sweeps: tables of `python -m studies.draw_sweep`, by name; benchmarks:
-    contents of result files, by name.
+    contents of result files, by name; real: the run of the preset `real`.
     """
     return rendered(
         "results.md.j2",
@@ -35,6 +36,7 @@ def to_page(
         rounding=rounding,
         profile=report.profile,
         run="\n\n".join(blocks(report, "###")),
+        real="\n\n".join(blocks(real, "###")) if real else "",
         fewest=FEWEST,
         sweeps={name: _sweep(*table) for name, table in sweeps.items()},
         no_value=NO_VALUE,

@@ -48,7 +48,8 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
 def page(root: Path) -> str:
     """The page for the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
-    return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks)
+    real = report_of(root, "reports/real") if (root / "reports/real").is_dir() else None
+    return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks, real)
 
 
 def records(root: Path) -> list[TrainingRecord]:
@@ -63,9 +64,10 @@ def sweeps(root: Path) -> dict[str, Table]:
     return {path.stem: list(csv.reader(path.read_text().splitlines())) for path in found}
 
 
-def report_of(root: Path) -> AblationReport:
-    """The recorded report. Raises InputError if there is none, or one of another version."""
-    return read_handover(root / "reports/ablation.json", AblationReport, "run `make report`")
+def report_of(root: Path, folder: str = "reports") -> AblationReport:
+    """The report recorded in a folder. Raises InputError if there is none, or one of another
+    version."""
+    return read_handover(root / folder / "ablation.json", AblationReport, "run `make report`")
 
 
 def contents(folder: Path) -> dict[str, Any]:

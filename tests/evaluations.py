@@ -46,7 +46,7 @@ def accuracy(**metrics: Any) -> Accuracy:
     """One of three instruments, found 1 mm and 1 deg off, with the given metrics."""
     return Accuracy(
         metrics=replace(METRICS, **metrics),
-        binned_errors=binned_errors(ERRORS, np.ones(1), RANGES),
+        binned_errors=binned_errors(ERRORS, np.ones(1), np.ones(1), RANGES),
         found=found_instruments(ERRORS, 3),
         precision_recall={"recall": [0.5], "precision": [1.0], "scores": [0.9]},
     )

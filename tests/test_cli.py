@@ -84,8 +84,8 @@ def test_predict_needs_no_model_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(bundled, "FOLDER", model.parent)
-    model = model.rename(model.with_name(bundled.MODEL))
-    model.with_name(bundled.CHECKSUM).write_bytes(bundled.checksum(model))
+    model = model.rename(model.with_name("shaftpose.onnx"))
+    model.with_name("shaftpose.onnx.sha256").write_bytes(bundled.checksum(model))
     main(["predict", str(frame)])
     assert json.loads(capsys.readouterr().out)["instruments"] == [FIRST]
     model.unlink()
@@ -334,7 +334,9 @@ def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> Non
     main(["models"])
     printed = capsys.readouterr().out
     assert "\nview_deg: 95.0\n" in printed and "\nshaft_diameter_mm: 3.0\n" in printed
-    assert printed.endswith((bundled.FOLDER / "shaftpose.md").read_text())
+    for name in bundled.bundled_names():
+        assert f"name: {name}\n" in printed
+        assert (bundled.FOLDER / f"{name}.md").read_text() in printed
 
 
 def test_check_says_what_prediction_needs(

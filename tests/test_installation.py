@@ -15,7 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
-FRAMES = ROOT / "tests/data/bundled_model"
+FRAMES = ROOT / "tests/data/bundled_models/shaftpose"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 HEAVY = [

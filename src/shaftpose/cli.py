@@ -65,7 +65,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "such names from standard input, one a line",
     )  # fmt: skip
     parser.add_argument(
-        "--model", help="ONNX file, or mlflow:/NAME@ALIAS of a registry (the package's own model)"
+        "--model",
+        help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
+        "of a registry (shaftpose)",
     )
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
@@ -104,6 +106,11 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
 
 
+def _add_real(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", choices=("fetch",))
+    parser.add_argument("folder", type=Path, help="to write to; becomes params.yaml: real.source")
+
+
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
 
@@ -125,7 +132,7 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         _add_predict,
     ),
     "models": (
-        "describe the model that comes with the package",
+        "describe the models that come with the package",
         "example: shaftpose models",
         _add_nothing,
     ),
@@ -133,6 +140,11 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         "draw a contact sheet of a folder",
         "example: shaftpose show dataset data/render/images --out look.jpg",
         _add_show,
+    ),
+    "real": (
+        "download public endoscopic images, annotated by this project",
+        "example: shaftpose real fetch ../endoscopic",
+        _add_real,
     ),
     "check": (
         "test whether this machine can predict, and what a camera sees",

@@ -1,6 +1,7 @@
 """Real images: what a COCO file may hold, the crop to a square, and the way back to a file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -205,6 +206,8 @@ def test_a_missing_key_of_an_entry_is_named(tmp_path: Path, part: str, key: str)
         ("annotations", "segmentation", None),
         ("annotations", "segmentation", "b.png"),
         ("annotations", "attributes.occluded", {"occluded": "perhaps"}),
+        ("annotations", "attributes.tip", {"tip": "here"}),
+        ("annotations", "attributes.tail.0", {"tip": [1, 2], "tail": ["left", 3]}),
     ],
 )
 def test_a_wrong_value_of_an_entry_is_named(
@@ -596,6 +599,17 @@ def test_run_lengths_without_a_pixel_are_no_mask(tmp_path: Path) -> None:
         check_masks([image], tmp_path / "test.json")
 
 
+def test_axes_follow_the_central_square(tmp_path: Path) -> None:
+    write_jpeg(np.full((100, 200, 3), 90, dtype=np.uint8), tmp_path / "a.jpg")
+    axis = ((150.0, 20.0), (190.0, 60.0))  # ends outside of the square, columns 50 to 150
+    shaft = RealInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
+    square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
+    np.testing.assert_allclose(square.axes, [[[50, 10], [70, 30]]])
+    unknown = replace(shaft, axis=None)
+    square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (unknown,)), 50)
+    assert square.axes.shape == (1, 2, 2) and np.isnan(square.axes).all()
+
+
 def square_samples() -> list[tuple[str, RealSample]]:
     """Two images of 64 px: one with two shafts, hidden in part, and one with none."""
     masks = [np.zeros((64, 64), dtype=bool), np.zeros((64, 64), dtype=bool)]
@@ -603,10 +617,14 @@ def square_samples() -> list[tuple[str, RealSample]]:
     masks[1][30:64, 40:50] = True
     rgb = np.full((64, 64, 3), 70, dtype=np.uint8)
     boxes = np.array([[5, 10, 60, 20], [40, 30, 50, 64]], dtype=float)
-    full = RealSample(rgb, boxes, tuple(masks), occluded=True)
+    axes = np.array([[[5, 15], [60, 15]], [[np.nan, np.nan], [np.nan, np.nan]]])
+    full = RealSample(rgb, boxes, tuple(masks), axes, occluded=True)
     return [
         ("images/a.jpg", full),
-        ("images/b.jpg", RealSample(rgb, np.zeros((0, 4)), (), occluded=False)),
+        (
+            "images/b.jpg",
+            RealSample(rgb, np.zeros((0, 4)), (), np.zeros((0, 2, 2)), occluded=False),
+        ),
     ]
 
 
@@ -626,6 +644,7 @@ def test_written_samples_are_read_again(tmp_path: Path) -> None:
         assert image.path == tmp_path / name
         np.testing.assert_allclose(read.boxes, written.boxes)
         np.testing.assert_array_equal(read.masks, written.masks)
+        np.testing.assert_allclose(read.axes, written.axes)
         assert read.occluded == written.occluded
         assert np.abs(read.rgb.astype(int) - 70).max() <= 2
 

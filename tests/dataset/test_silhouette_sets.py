@@ -17,6 +17,7 @@ GREY = np.full((SIDE, SIDE, 3), 128, dtype=np.uint8)
 MASK = np.zeros((SIDE, SIDE), dtype=bool)
 MASK[4:12, 8:24] = True
 BOX = (8, 4, 24, 12)
+AXIS = np.array([[[8.0, 8.0], [24.0, 8.5]]])
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
 DISTORTED = replace(CAMERA, k1=-0.02, k2=0.01, field_px=30.0)
 
@@ -32,8 +33,8 @@ def write_rendered(folder: Path) -> None:
 def write_real(folder: Path, occluded: list[bool]) -> None:
     """Write one image with a shaft for each entry of `occluded`, and one without shafts."""
     boxes = np.array([BOX], dtype=float)
-    samples = [RealSample(GREY, boxes, (MASK,), hidden) for hidden in occluded]
-    samples.append(RealSample(GREY, np.empty((0, 4)), (), False))
+    samples = [RealSample(GREY, boxes, (MASK,), AXIS, hidden) for hidden in occluded]
+    samples.append(RealSample(GREY, np.empty((0, 4)), (), np.empty((0, 2, 2)), False))
     named = [(f"images/{n}.jpg", sample) for n, sample in enumerate(samples)]
     for name, sample in named:
         write_jpeg(sample.rgb, folder / name)
@@ -58,6 +59,11 @@ def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
     for images in sets.values():
         np.testing.assert_allclose(images[0].known.boxes, [BOX])
         np.testing.assert_array_equal(images[0].masks[0], MASK)
+    np.testing.assert_allclose(sets[f"{domain}/clear"][0].axes, AXIS)
+    # The rendered shaft: x = sin 70 cos 10, y = sin 70 sin 10 of the way to the handle.
+    (tip, other) = sets["rendered/clear"][0].axes[0]
+    np.testing.assert_allclose(tip, [16, 16])
+    np.testing.assert_allclose(np.degrees(np.arctan2(*(other - tip)[::-1])), 10)
     assert sets["rendered/clear"][0].known.poses is not None
     assert sets["rendered/clear"][0].camera == DISTORTED
     assert sets[f"{domain}/clear"][0].camera == CAMERA

@@ -49,6 +49,15 @@ def test_poses_by_hand() -> None:
         np.testing.assert_allclose(known.boxes, [box])
 
 
+def test_tips_move_like_projected_poses() -> None:
+    image = np.zeros((299, 299, 3), dtype=np.uint8)
+    tips = CAMERA.project(POSE[:, :3])
+    for symmetry in (mirrored_x, mirrored_y, transposed):
+        known = symmetry(image, Annotations(BOX, POSE, tips_px=tips))[1]
+        assert known.poses is not None
+        np.testing.assert_allclose(known.tips_px, CAMERA.project(known.poses[:, :3]))
+
+
 def test_eight_symmetries_come_up_evenly_and_boxes_hold_their_pixels() -> None:
     rgb = np.zeros((299, 299, 3), dtype=np.uint8)
     rgb[20:90, 10:60] = 200

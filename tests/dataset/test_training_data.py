@@ -15,9 +15,10 @@ import yaml
 from shaftpose.core.batches import Batch
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.instruments import Annotations
+from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
 from shaftpose.dataset.coco import RealImage, RealInstrument
+from shaftpose.dataset.run_lengths import encode
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import (
     Images,
@@ -207,6 +208,31 @@ def test_real_images_have_boxes_and_no_poses(tmp_path: Path) -> None:
     assert (len(images), rgb.shape) == (1, (SIZE, SIZE, 3))
     assert annotations.boxes.tolist() == [BOX]
     assert annotations.poses is None
+
+
+def test_batches_hold_the_annotated_tips_of_real_images(tmp_path: Path) -> None:
+    real = real_images(tmp_path)
+    axis = ((20.0, 9.0), (14.0, 23.0))
+    shaft = replace(real.images[0].instruments[0], axis=axis)
+    known = replace(real, images=[replace(real.images[0], instruments=(shaft,))])
+    np.testing.assert_allclose(known[0][1].tips_px, [[12, 9]])  # the square starts at column 8
+    rendered = RenderedImages(write_shard(tmp_path, 1), [sample_key(0)])
+    assert pad_batch([rendered[0]]).targets.tips_px is None
+    tips = pad_batch([rendered[0], known[0], real[0]]).targets.tips_px
+    assert tips is not None
+    np.testing.assert_allclose(tips[:, 0], [[np.nan] * 2, [12, 9], [np.nan] * 2])
+
+
+def test_masks_of_real_images_are_known_only_if_every_shaft_has_one(tmp_path: Path) -> None:
+    boxed = replace(real_images(tmp_path), with_instances=True)
+    assert boxed[0][1].instances is not None
+    assert np.all(boxed[0][1].instances == UNKNOWN)
+    mask = np.zeros((SIZE, 48), dtype=np.uint8)
+    mask[8:24, 12:24] = 1
+    image = boxed.images[0]
+    shaft = replace(image.instruments[0], mask=encode(mask))
+    masked = replace(boxed, images=[replace(image, instruments=(shaft,))])
+    np.testing.assert_array_equal(masked[0][1].instances, mask[:, 8:40])
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from shaftpose.deployment import bundled
-from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model, checksum
+from shaftpose.deployment.bundled import bundled_model, bundled_names, checksum
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
@@ -15,7 +15,8 @@ from shaftpose.errors import InputError
 from studies.model_frames import complaints
 
 ROOT = Path(__file__).parents[2]
-FRAMES = ROOT / "tests/data/bundled_model"
+FRAMES = ROOT / "tests/data/bundled_models"
+MODEL, CHECKSUM = "shaftpose.onnx", "shaftpose.onnx.sha256"
 
 
 @pytest.fixture
@@ -31,6 +32,10 @@ def folder(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_a_whole_model_is_found(folder: Path) -> None:
     assert bundled_model() == folder / MODEL
+    shutil.copy(folder / MODEL, folder / "another.onnx")
+    assert bundled_names() == ["shaftpose", "another"]
+    with pytest.raises(InputError, match=r"/another.onnx.sha256: missing; reinstall"):
+        bundled_model("another")
 
 
 @pytest.mark.parametrize("name", [MODEL, CHECKSUM])
@@ -59,8 +64,15 @@ def test_wheels_hold_the_model() -> None:
     assert ROOT / "src/shaftpose/models" == bundled.FOLDER
 
 
-@pytest.mark.skipif(
-    not FRAMES.is_dir(), reason="no model is bundled yet: run python -m studies.bundle_model"
-)
-def test_the_bundled_model_keeps_to_its_bounds() -> None:
-    assert complaints(Predictor(bundled_model()), FRAMES) == []
+@pytest.mark.parametrize("name", bundled_names())
+def test_bundled_models_keep_to_their_bounds(name: str) -> None:
+    if not (FRAMES / name).is_dir():
+        pytest.skip(f"{name} has no frames: its backgrounds belong to others")
+    assert complaints(Predictor(bundled_model(name)), FRAMES / name) == []
+
+
+def test_bundled_models_are_small_and_have_cards() -> None:
+    models = [bundled_model(name) for name in bundled_names()]
+    assert sum(model.stat().st_size for model in models) <= 8_000_000
+    for model in models:
+        assert model.with_suffix(".md").read_text().startswith(f"# Model card: {model.stem}\n")

@@ -21,7 +21,9 @@ ERRORS = errors_between(WRONG, TRUE)
 RANGES = PoseRanges(
     x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
 )
-FOUND = binned_errors(ERRORS, np.array([1.0, 0.4, 0.8, 1.0]), RANGES)
+FOUND = binned_errors(
+    ERRORS, np.array([1.0, 0.4, 0.8, 1.0]), np.array([5.0, 15.0, 15.0, 149.0]), RANGES
+)
 
 
 def bin_of(quantity: str, low: float) -> tuple[int, float | None, float | None]:
@@ -35,6 +37,8 @@ def test_medians_of_each_bin():
     assert bin_of("z_mm", 35) == turned  # the upper end belongs to the last bin
     assert bin_of("z_mm", 20) == (0, None, None)
     assert bin_of("pitch_deg", 82) == turned
+    assert bin_of("border_px", 10) == (2, 4.0, 0.0)
+    assert bin_of("border_px", 80) == turned
 
 
 def test_yaw_is_counted_from_the_seam_on_both_sides():
@@ -46,7 +50,7 @@ def test_yaw_is_counted_from_the_seam_on_both_sides():
 
 
 def test_the_seam_is_where_the_range_of_yaw_begins():
-    bins = binned_errors(ERRORS, np.ones(4), replace(RANGES, yaw_deg=(-180, 178)))
+    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), replace(RANGES, yaw_deg=(-180, 178)))
     beside = {one.low: one.count for one in bins["yaw_from_seam_deg"] if one.low in (-10, 0)}
     assert beside == {-10: 0, 0: 1}  # 180 deg
 
@@ -59,7 +63,7 @@ def test_every_instrument_is_in_one_bin_of_each_quantity():
 
 def test_the_bins_of_depth_and_pitch_divide_the_ranges_that_poses_come_from():
     far = replace(RANGES, z_mm=(10, 130), pitch_deg=(40, 90))
-    bins = binned_errors(ERRORS, np.ones(4), far)
+    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), far)
     assert [one.low for one in bins["z_mm"]] == [10, 30, 50, 70, 90, 110]
     assert [one.count for one in bins["z_mm"]] == [3, 1, 0, 0, 0, 0]
     assert [one.high for one in bins["pitch_deg"]] == [50, 60, 70, 80, 90]
@@ -71,7 +75,7 @@ def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     known = [Annotations(boxes[:1], TRUE[:1]), Annotations(boxes, TRUE[:2])]
     found = [nothing, Detections(boxes[1:], np.ones(1), TRUE[1:2])]
-    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), RANGES)
+    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), np.ones(1), RANGES)
     assert [one.count for one in bins["visible_fraction"]] == [1, 0, 0, 0, 0]
 
 
@@ -84,7 +88,7 @@ def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
     assert np.isnan(rarely[:, 1]).all()
     np.testing.assert_allclose(depth[:, 0], [12.5, 17.5, 22.5, 27.5, 32.5, 37.5])
     np.testing.assert_allclose(depth[:, 1], [2.0, *[np.nan] * 4, 4.0])
-    assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:4])
-    turned = figure.axes[4].lines[1].get_ydata()  # axis errors by depth, below the tip errors
+    assert all(axes.get_ylim()[0] == 0 and axes.get_ylim()[1] > 4.0 for axes in figure.axes[:5])
+    turned = figure.axes[5].lines[1].get_ydata()  # axis errors by depth, below the tip errors
     np.testing.assert_allclose(turned, [0.0, *[np.nan] * 4, 3.0], atol=1e-6)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]

@@ -38,5 +38,10 @@ def test_a_missed_image_counts_in_the_mean():
         [found, unsure], [known, known], masks, [[mask(1, 2)], []], confidence=0.2
     )
     assert score == SilhouetteScore(
-        detected_rate=0.5, iou=pytest.approx((1 / 3 + 0) / 2), images=2, instruments=2
+        detected_rate=0.5,
+        iou=pytest.approx((1 / 3 + 0) / 2),
+        images=2,
+        instruments=2,
+        iou_low=0,
+        iou_high=pytest.approx(1 / 3),  # a quarter of the resamples is each image twice
     )

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from shaftpose.core.batches import Targets
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.dense_decoding import decode
 from shaftpose.network.dense_loss import border_weight, loss_terms
 from shaftpose.network.dense_network import DenseNetwork
@@ -28,9 +29,9 @@ def mask_of(pose: list[float]) -> np.ndarray:
 
 
 def targets_of(poses: list[list[float]]) -> Targets:
-    """One image of these shafts; the second image of the batch has neither masks nor poses."""
+    """One image of these shafts; the second image of the batch has unknown masks and no poses."""
     masks = [mask_of(pose) for pose in poses]
-    instances = np.zeros((2, SIDE, SIDE), dtype=np.uint8)
+    instances = np.stack([np.zeros((SIDE, SIDE)), np.full((SIDE, SIDE), UNKNOWN)]).astype(np.uint8)
     for number, mask in enumerate(masks, 1):
         instances[0][mask & (instances[0] == 0)] = number
     boxes = torch.tensor([mask_box(mask) for mask in masks]).float() / SIDE
@@ -45,8 +46,9 @@ def targets_of(poses: list[list[float]]) -> Targets:
 
 def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
     """The mask and the maps of a network that knows the targets."""
-    heat, values, on_shaft = dense_targets(targets, CELLS, PINHOLE)
-    maps = torch.cat([torch.logit(heat, eps=1e-6)[:, None], values * on_shaft[:, None]], dim=1)
+    truth = dense_targets(targets, CELLS, PINHOLE)
+    known = truth.values * truth.counts
+    maps = torch.cat([torch.logit(truth.heat, eps=1e-6)[:, None], known], dim=1)
     assert targets.instances is not None
     mask = 20 * (targets.instances[:, None, ::2, ::2] > 0).float() - 10
     return mask, maps
@@ -67,7 +69,8 @@ def test_poses_survive_their_coding() -> None:
 
 
 def test_targets_by_hand() -> None:
-    heat, values, on_shaft = dense_targets(targets_of(POSES[:1]), CELLS, PINHOLE)
+    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), CELLS, PINHOLE)
+    on_shaft = counts.all(1)
     u, v = 136.99 * -6 / 20 + 149.5, 136.99 * 4 / 20 + 149.5
     row, column = int(v / SIDE * CELLS), int(u / SIDE * CELLS)
     assert heat[0].flatten().argmax() == row * CELLS + column
@@ -79,7 +82,30 @@ def test_targets_by_hand() -> None:
     p, w = np.radians(70), np.radians(130)
     axis = [np.sin(p) * np.cos(w), np.sin(p) * np.sin(w), -2 * np.cos(p)]
     assert shown == pytest.approx([*way, 2 * np.log(20 / 25), *axis], abs=1e-3)
-    assert not heat[1].any() and not on_shaft[1].any()  # the image without poses
+    assert has_heat.tolist() == [True, False]
+    assert not heat[1].any() and not counts[1].any()  # the image without poses
+
+
+def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    tips = PINHOLE.project(targets.poses[..., :3])
+    shown = targets._replace(instances=targets.instances[[0, 0]], tips_px=tips)
+    truth = dense_targets(shown, CELLS, PINHOLE)
+    assert truth.has_heat.tolist() == [True, True]
+    torch.testing.assert_close(truth.heat[1], truth.heat[0])
+    torch.testing.assert_close(truth.values[1, :2], truth.values[0, :2])
+    assert torch.equal(truth.counts[1, :2], truth.counts[0, :2])
+    assert not truth.counts[1, 2:].any()  # depth and axis
+    # One unknown tip: no heat, since its place is not background, and offsets of the other alone.
+    tips = tips.clone()
+    tips[1, 0] = torch.nan
+    truth = dense_targets(shown._replace(tips_px=tips), CELLS, PINHOLE)
+    assert truth.has_heat.tolist() == [True, False]
+    at = ((torch.arange(CELLS) + 0.5) * SIDE / CELLS).long()
+    first, second = (targets.instances[0][at][:, at] == number for number in (1, 2))
+    assert not truth.counts[1, 0][first].any() and truth.counts[1, 0][second].all()
+    assert truth.values.isfinite().all()
 
 
 def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
@@ -117,6 +143,18 @@ def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
+
+
+def test_an_image_without_poses_teaches_its_mask_alone() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
+    known = targets.instances[[0, 0]]
+    known[1, :, :50] = UNKNOWN
+    loss_terms(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
+    assert mask.grad is not None and maps.grad is not None
+    assert mask.grad[1].any() and not maps.grad[1].any()
+    assert not mask.grad[1, :, :, :24].any()  # half the resolution
 
 
 def test_the_border_weighs_ten_times_as_much() -> None:

@@ -94,7 +94,7 @@ def network(*overrides: str) -> SingleShotNetwork:
     return built
 
 
-@pytest.mark.parametrize("variant", [name for name in VARIANTS if name != "e"])
+@pytest.mark.parametrize("variant", [name for name in VARIANTS if name not in ("e", "e_real")])
 def test_the_papers_networks_are_built_at_the_width_of_the_profile(variant: str) -> None:
     assert network(f"variant={variant}").backbone.width == 0.1875
 

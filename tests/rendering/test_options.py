@@ -212,6 +212,7 @@ def forceps_settings(settings: RenderSettings) -> RenderSettings:
         light_shape="ring",
         anisotropy=(0.3, 0.9),
         films=(0.2, 0.6),
+        coating_probability=0.5,
         contact_shadow=(0.3, 0.8),
         occluder_probability=0.6,
         occluder_coverage=(0.1, 0.6),
@@ -299,7 +300,7 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
         assert first == second, suffix
 
 
-# The paper's setting, and two options that change pixels but no annotation.
+# The paper's setting, and options that change pixels but no annotation.
 
 
 @pytest.fixture(scope="module")
@@ -308,11 +309,13 @@ def alike(
     backgrounds: Mapping[Path, str],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> dict[str, list[Rendered]]:
-    """The same images plain, with a contact shadow, and with films."""
+    """The same images plain, with a contact shadow, films, coatings with films, and jaws."""
     changed = {
         "plain": {},
         "shadow": {"contact_shadow": (0.5, 0.9)},
         "films": {"films": (0.3, 0.6)},
+        "coatings": {"coating_probability": 1.0, "films": (0.3, 0.6)},
+        "jaws": {"jaws_probability": 1.0},
     }
     rendered = {}
     for name, scene in changed.items():
@@ -326,7 +329,7 @@ def all_masks(image: Rendered) -> Mask:
     return np.any([shaft.mask for shaft in image.shafts], axis=0)
 
 
-@pytest.mark.parametrize("option", ["shadow", "films"])
+@pytest.mark.parametrize("option", ["shadow", "films", "coatings"])
 def test_looks_change_no_annotation(alike: dict[str, list[Rendered]], option: str) -> None:
     for plain, changed in zip(alike["plain"], alike[option], strict=True):
         assert (plain.rgb != changed.rgb).any()
@@ -356,6 +359,24 @@ def test_a_film_changes_the_shafts_alone(alike: dict[str, list[Rendered]]) -> No
         assert not (differs & ~grown(all_masks(plain), 2)).any()
         shares.append(differs[all_masks(plain)].mean())
     assert min(shares) > 0.1
+
+
+def test_coatings_change_the_shafts_alone(alike: dict[str, list[Rendered]]) -> None:
+    for films, coated in zip(alike["films"], alike["coatings"], strict=True):
+        differs = np.any(films.rgb != coated.rgb, axis=-1)
+        assert not (differs & ~grown(all_masks(films), 2)).any()
+        assert differs[all_masks(films)].mean() > 0.5
+
+
+def test_jaws_are_drawn_beyond_the_tip_and_not_annotated(
+    alike: dict[str, list[Rendered]],
+) -> None:
+    for plain, changed in zip(alike["plain"], alike["jaws"], strict=True):
+        beyond = np.any(plain.rgb != changed.rgb, axis=-1) & ~grown(all_masks(plain), 2)
+        assert beyond.any()
+        for before, after in zip(plain.shafts, changed.shafts, strict=True):
+            assert before.pose == after.pose
+            assert not (after.mask & ~before.mask).any()  # jaws hide, but are no part of a mask
 
 
 # A CAD file of a plain rod, whose exact masks are known.

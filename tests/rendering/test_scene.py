@@ -1,6 +1,6 @@
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
 
@@ -170,6 +170,8 @@ def with_all_options(settings: RenderSettings) -> RenderSettings:
         anisotropy=(0.2, 0.8),
         light_shape="ring",
         films=(0.1, 0.4),
+        coating_probability=0.5,
+        jaws_probability=0.5,
         contact_shadow=(0.3, 0.6),
     )
     shaft = replace(settings.shaft, tip="rounded")
@@ -192,6 +194,9 @@ def test_the_papers_setting_states_no_option(
         assert all(steel["anisotropy"] >= 0.2 for steel in facts["steels"])
         assert [Film(**film | {"pattern_mm": tuple(film["pattern_mm"])})
                 for film in facts["films"]] == list(scene.films)  # fmt: skip
+        for stated, coating in zip(facts["coatings"], scene.coatings, strict=True):
+            assert stated == (coating and asdict(coating) | {"rgb": list(coating.rgb)})
+        assert len(facts["jaws"]) == len(scene.shafts)
         assert 0.3 <= facts["contact_shadow"] <= 0.6
 
 
@@ -223,6 +228,8 @@ def test_options_leave_the_rest_of_an_image_as_it_is(
             steels=tuple(replace(steel, anisotropy=0.0) for steel in after.steels),
             lens=replace(after.lens, motion_px=(0.0, 0.0), jpeg_quality=None),
             films=(),
+            coatings=(),
+            jaws=(),
             contact_shadow=0.0,
         )
         assert same == before
@@ -251,6 +258,21 @@ def test_every_shaft_has_a_film_of_its_own(
     assert len({film.pattern_mm for film in films}) == len(films)
     for film in films:
         assert_within(film.coverage, settings.scene.films)
+
+
+def test_coatings_and_jaws_follow_their_probabilities(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    settings = with_scene(coating_probability=0.7, jaws_probability=0.3, coating_grey=(0.01, 0.1))
+    drawn = scenes(settings, backgrounds, images=100)
+    coatings = [coating for scene in drawn for coating in scene.coatings]
+    jaws = [one for scene in drawn for one in scene.jaws]
+    assert np.mean([coating is not None for coating in coatings]) == pytest.approx(0.7, abs=0.1)
+    assert np.mean([one is not None for one in jaws]) == pytest.approx(0.3, abs=0.1)
+    greys = [np.mean(coating.rgb) for coating in coatings if coating is not None]
+    # Half of them are below the geometric mean of the range, give or take the colours' spread.
+    assert np.mean(np.array(greys) < 0.0316) == pytest.approx(0.5, abs=0.15)
+    assert min(greys) > 0.007 and max(greys) < 0.13
 
 
 def test_cameras_lie_within_their_ranges(

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
+from shaftpose.evaluation.summary import ErrorSummary, Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
 from shaftpose.report.report import to_html, to_json, to_markdown
@@ -104,6 +105,30 @@ def test_the_networks_of_variants_are_told_by_width_and_depth(report: AblationRe
     headings, _, _, d, *_ = lines[next(n for n, line in enumerate(lines) if "Width" in line) :]
     setup = dict(zip(headings, d, strict=True))
     assert (setup["| Variant"], setup["Width"], setup["Depth"]) == ("| D", "0.25", "0.5")
+
+
+def test_intervals_and_spreads_are_shown_where_they_were_computed(report: AblationReport):
+    title = "Intervals and spread of the errors"
+    assert title not in to_markdown(report) and title not in to_html(report)
+    error = ErrorSummary(mean=1.5, interval=(1.25, 1.75), median=1.0, p95=4.0)
+    found = Summary((0.7, 0.9), None, 0.5, {"tip_mm": error})
+    with_summary = replace(report, rows=[replace(report.rows[1], summary=found), *report.rows[2:]])
+    line = markdown_line(to_markdown(with_summary).split(title)[1], "| D |")
+    assert line[:6] == [
+        "D", "0.700 to 0.900", "n/a", "0.500", "1.00; 4.00 (1.25 to 1.75)", "n/a",
+    ]  # fmt: skip
+    assert title in to_html(with_summary) and "1.00; 4.00 (1.25 to 1.75)" in to_html(with_summary)
+
+
+def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationReport):
+    assert "Tip and axis in the image" not in to_html(report)
+    measured = {
+        **score(0.9, 0.5), "iou_low": 0.41, "iou_high": 0.62, "tip_px": 2.25, "axis_deg": 1.5,
+    }  # fmt: skip
+    text = to_markdown(replace(report, silhouette={"d": {"rendered/clear": measured}}))
+    assert markdown_line(text, "| rendered | D |")[3] == "0.500 (0.41 to 0.62)"
+    line = markdown_line(text.split("Tip and axis in the image")[1], "| rendered | D |")
+    assert line == ["rendered", "D", "2.2", "1.5", "n/a", "n/a"]
 
 
 def test_mixed_in_images_are_counted(report: AblationReport):

@@ -1,10 +1,12 @@
 """The stage `report` with results of other stages."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
 
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore
 from shaftpose.json_files import write_json
 from shaftpose.report import writing
 from shaftpose.report.ablation import variant_row
@@ -23,7 +25,7 @@ def test_fitted_poses_have_rows_of_their_own(tmp_path: Path) -> None:
     assert [(row.variant, row.title, row.metrics["mAP"]) for row in rows] == [
         ("e", "E", 0.5), ("e+fit", "E + fit", 0.75), ("d", "D", 0.5),
     ]  # fmt: skip
-    own, fitted = (dict(detected_rate=1.0, iou=iou, images=2, instruments=3) for iou in (0.5, 0.75))
+    own, fitted = (asdict(SilhouetteScore(1.0, iou, 2, 3)) for iou in (0.5, 0.75))
     scores = {"e": {"rendered/clear": own, "fitted/rendered/clear": fitted},
               "d": {"rendered/clear": own}}  # fmt: skip
     for name, sets in scores.items():

@@ -14,12 +14,14 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from shaftpose.dataset.split import Split, write_split
 from shaftpose.deployment import bundled
-from shaftpose.deployment.bundled import CHECKSUM, MODEL, bundled_model
+from shaftpose.deployment.bundled import bundled_model
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.evaluation.metrics import Metrics
+from shaftpose.evaluation.silhouette_iou import SilhouetteScore
+from shaftpose.json_files import write_json
 from shaftpose.training.data_identity import rendered_digest
 from studies import bundle_model
 from studies.model_comparison import Comparison
@@ -78,8 +80,10 @@ def test_all_that_belongs_to_a_model_is_written(
     training: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = bundle(training)
-    models, frames = root / "src/shaftpose/models", root / "tests/data/bundled_model"
-    assert {path.name for path in models.iterdir()} == {MODEL, CHECKSUM, "shaftpose.md"}
+    models, frames = root / "src/shaftpose/models", root / "tests/data/bundled_models/shaftpose"
+    assert {path.name for path in models.iterdir()} == {
+        "shaftpose.onnx", "shaftpose.onnx.sha256", "shaftpose.md",
+    }  # fmt: skip
     monkeypatch.setattr(bundled, "FOLDER", models)
     predictor = Predictor(bundled_model())
     assert (predictor.confidence, predictor.facts.shaft_diameter_mm) == (0.5, 3.0)
@@ -95,7 +99,7 @@ def test_all_that_belongs_to_a_model_is_written(
 
 def test_the_project_keeps_its_mode_and_old_frames_go(training: Path) -> None:
     root = training.parents[1] / "root"
-    old = root / "tests/data/bundled_model/frame_7.jpg"
+    old = root / "tests/data/bundled_models/shaftpose/frame_7.jpg"
     old.parent.mkdir(parents=True)
     old.touch()
     root.chmod(0o755)
@@ -108,7 +112,7 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
     card = (bundle(training) / "src/shaftpose/models/shaftpose.md").read_text()
     for stated in (
         "90, rendered; steel shafts in front of procedural tissue",
-        "2 (stand-in) with boxes, without poses",
+        "2 (stand-in) without poses",
         "view angle 95 deg", "diameter 3 mm", "x -20 to 20 mm, pitch 50 to 90 deg",
         "D + noise + real, width 0.125, depth 0.25, 1,000 parameters",
         "`0123456789abcdef`, seed 7: after 5 steps of a detector without poses, 10 steps",
@@ -118,6 +122,24 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
         "research use only", "Apache-2.0",
     ):  # fmt: skip
         assert stated in card
+
+
+def test_a_model_of_real_images_states_what_was_measured_and_whose_they_are(
+    training: Path,
+) -> None:
+    scores = {
+        "fitted/real/clear": SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, axis_deg=1.5),
+        "real/clear": SilhouetteScore(0.9, 0.5, 27, 40),
+    }
+    write_json(training / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
+    root = training.parents[1] / "root"
+    bundle_model.bundle(training, training, root, "other", "Frames: somebody, MIT")
+    card = (root / "src/shaftpose/models/other.md").read_text()
+    assert card.startswith("# Model card: other\n")
+    assert "with `--model other`" in card
+    assert "| real/clear (27) | 0.900 | 0.610 | 3.0 | 1.5 |" in card
+    assert "Real images were not measured" not in card
+    assert card.endswith("Images that it was trained with:\n\nFrames: somebody, MIT\n")
 
 
 def refused(training: Path, message: str) -> None:
@@ -146,7 +168,7 @@ def test_a_model_that_is_too_large_is_refused(
     training: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bundle_model, "MOST_BYTES", 500)
-    refused(training, r"model\.onnx: takes [\d,]+ bytes .*, more than the limit of 500; bundle")
+    refused(training, r"shaftpose\.onnx: take [\d,]+ bytes .*, more than the limit of 500; bundle")
 
 
 def moved(model: ModelProto) -> ModelProto:
@@ -167,7 +189,7 @@ def test_a_model_that_storing_damages_is_refused(
 
 
 def test_bounds_are_broken_by_worse_poses_and_by_missed_shafts(training: Path) -> None:
-    frames, file = bundle(training) / "tests/data/bundled_model", training / "model.onnx"
+    frames, file = bundle(training) / "tests/data/bundled_models/shaftpose", training / "model.onnx"
     exported = onnx.load(str(file))
     onnx.save(moved(exported), str(file))
     worse = [f"{name} is 1.500, above 0.65" for name in ("x_mm", "tip_mm")]

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from shaftpose.deployment.bundled import bundled_model
+from shaftpose.deployment.bundled import DEFAULT, bundled_model, bundled_names
 from shaftpose.errors import InputError
 
 _REGISTRY = "mlflow:/"
@@ -14,11 +14,11 @@ _REGISTRY = "mlflow:/"
 def model_file(name: str | None) -> Iterator[Path]:
     """The ONNX file of a model, as long as the block lasts.
 
-    name: a path; `mlflow:/NAME@ALIAS` or `mlflow:/NAME/VERSION` of a model registry; None for the
-    model that comes with the package. Raises InputError if it cannot be had.
+    name: of a bundled model; a path; `mlflow:/NAME@ALIAS` or `mlflow:/NAME/VERSION` of a model
+    registry; None for the default bundled model. Raises InputError if it cannot be had.
     """
-    if name is None:
-        yield bundled_model()
+    if name is None or name in bundled_names():
+        yield bundled_model(name or DEFAULT)
     elif name.startswith(_REGISTRY):
         try:
             from shaftpose import tracking

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# From the tip to a second point of the axis: in front of the camera in every pose in view.
+_AXIS_STEP_MM = 1.0
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -162,6 +165,13 @@ def axis_direction(pitch_deg: Array, yaw_deg: Array) -> Array:
     pitch, yaw = np.radians(pitch_deg), np.radians(yaw_deg)
     components = [np.sin(pitch) * np.cos(yaw), np.sin(pitch) * np.sin(yaw), -np.cos(pitch)]
     return np.stack(components, axis=-1)
+
+
+def projected_axes(poses: Array, camera: Camera) -> Array:
+    """Axes in the image (N, 2, 2) px of poses (N, 5): the tip, and a point towards the handle."""
+    tips = poses[:, :3]
+    others = tips + _AXIS_STEP_MM * axis_direction(poses[:, 3], poses[:, 4])
+    return camera.project(np.stack([tips, others], axis=1))
 
 
 def pose_from_rotation(rotation: Array, tip_mm: Array) -> ShaftPose:

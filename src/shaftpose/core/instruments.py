@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+UNKNOWN = 255  # in a map of instruments: a pixel whose instrument is not annotated
 POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 
 
@@ -17,13 +18,14 @@ class Annotations:
     """The annotated instruments of one image.
 
     boxes: (G, 4) float; poses: (G, 5) float, or None where poses are unknown (real images);
-    instances: (H, W), instrument number of each pixel, from 1, or 0 for background; None if not
-    requested.
+    instances: (H, W), instrument number of each pixel, from 1, or 0 for background, or `UNKNOWN`;
+    None if not requested. tips_px: (G, 2), of instruments without poses, NaN where unknown.
     """
 
     boxes: NDArray[np.float64]
     poses: NDArray[np.float64] | None
     instances: NDArray[np.uint8] | None = None
+    tips_px: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

@@ -28,16 +28,22 @@ _ROUNDING_PX = 1.0  # by which a box may leave its image: annotation tools round
 _FARTHEST_PX = 100_000  # pycocotools needs memory for each pixel that a polygon's outline passes
 
 
+_Number = Annotated[float, Field(strict=True)]
+Point = tuple[_Number, _Number]
+
+
 @dataclass(frozen=True)
 class RealInstrument:
     """One annotated shaft; box x0, y0, x1, y1 in pixels of the image file.
 
-    mask: of the file's size; None where only the box is known.
+    mask: of the file's size; None where only the box is known. axis: x and y of the tip and of
+    another point of the axis towards the handle, None where they are not known.
     """
 
     box: tuple[float, float, float, float]
     mask: RunLengths | None
     occluded: bool
+    axis: tuple[Point, Point] | None = None
 
 
 @dataclass(frozen=True)
@@ -52,11 +58,13 @@ class RealImage:
 
 @dataclass(frozen=True)
 class RealSample:
-    """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S)."""
+    """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S), axes
+    (G, 2, 2) px, NaN where they are not known."""
 
     rgb: NDArray[np.uint8]
     boxes: NDArray[np.float64]
     masks: tuple[NDArray[np.bool_], ...]
+    axes: NDArray[np.float64]
     occluded: bool
 
 
@@ -66,7 +74,6 @@ def _inside_folder(name: str) -> str:
     return name
 
 
-_Number = Annotated[float, Field(strict=True)]
 _FINITE = ConfigDict(allow_inf_nan=False)
 
 
@@ -89,6 +96,8 @@ class _Annotation:
     segmentation: Any = ()  # `_mask` checks it
     iscrowd: bool = False
     occluded: Annotated[bool, Field(validation_alias=AliasPath("attributes", "occluded"))] = False
+    tip: Annotated[Point | None, Field(validation_alias=AliasPath("attributes", "tip"))] = None
+    tail: Annotated[Point | None, Field(validation_alias=AliasPath("attributes", "tail"))] = None
 
 
 def read_coco(path: Path) -> list[RealImage]:
@@ -178,7 +187,9 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Real
         )
     (x0, y0), (x1, y1) = clipped.tolist()
     mask = _mask(annotation.segmentation, entry, f"{where}.segmentation")
-    return RealInstrument((x0, y0, x1, y1), mask, annotation.occluded)
+    tip, tail = annotation.tip, annotation.tail
+    axis = None if tip is None or tail is None else (tip, tail)
+    return RealInstrument((x0, y0, x1, y1), mask, annotation.occluded, axis)
 
 
 def _mask(segmentation: Any, entry: _ImageEntry, where: str) -> RunLengths | None:
@@ -256,17 +267,22 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     one of whose mask nothing does.
     """
     rgb = read_pixels(image)
-    boxes, masks, occluded = [], [], False
+    boxes, masks, axes, occluded = [], [], [], False
+    side = min(image.width, image.height)
+    corner = (np.array([image.width, image.height]) - side) // 2
     for instrument in image.instruments:
         part = _in_square(instrument, image, size_px)
         if part is not None:
             boxes.append(part[0])
             masks.append(part[1])
+            axis = np.full((2, 2), np.nan) if instrument.axis is None else instrument.axis
+            axes.append((np.array(axis) - corner) * size_px / side)
             occluded |= instrument.occluded
     return RealSample(
         rgb=centre_square(rgb, size_px),
         boxes=np.array(boxes, dtype=np.float64).reshape(-1, 4),
         masks=tuple(masks),
+        axes=np.array(axes, dtype=np.float64).reshape(-1, 2, 2),
         occluded=occluded,
     )
 
@@ -303,7 +319,10 @@ def write_coco(
         content["images"].append(
             {"id": number, "file_name": name, "width": width, "height": height}
         )
-        for box, mask in zip(sample.boxes.tolist(), sample.masks, strict=True):
+        parts = zip(sample.boxes.tolist(), sample.masks, sample.axes, strict=True)
+        for box, mask, (tip, tail) in parts:
+            known = np.isfinite([tip, tail]).all()
+            axis = {"tip": tip.tolist(), "tail": tail.tolist()} if known else {}
             content["annotations"].append(
                 {
                     "id": len(content["annotations"]) + 1,
@@ -313,7 +332,7 @@ def write_coco(
                     "bbox": [box[0], box[1], box[2] - box[0], box[3] - box[1]],
                     "area": int(mask.sum()),
                     "segmentation": run_lengths.encode(mask) if with_masks else [],
-                    "attributes": {"occluded": sample.occluded},
+                    "attributes": {"occluded": sample.occluded, **axis},
                 }
             )
     write_json(path, content)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from shaftpose.core.geometry import Camera
+from shaftpose.core.geometry import Camera, projected_axes
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
@@ -19,11 +19,12 @@ OCCLUSIONS = ("clear", "occluded")
 
 @dataclass(frozen=True)
 class MaskedImage:
-    """One rendered or real image with boxes and visible masks."""
+    """One rendered or real image with boxes, visible masks and axes (G, 2, 2) px in the image."""
 
     rgb: Image
     known: Annotations
     masks: Sequence[NDArray[np.bool_]]
+    axes: NDArray[np.float64]
     camera: Camera
 
 
@@ -39,10 +40,13 @@ def silhouette_sets(camera: Camera, domain: str) -> dict[str, list[MaskedImage]]
 
 def _rendered(name: str) -> list[MaskedImage]:
     shards = ShardedDataset(Path("data/render") / name)
-    return [
-        MaskedImage(shards.rgb(key), shards.annotations(key), shards.masks(key), shards.camera(key))
-        for key in shards.keys
-    ]
+    images = []
+    for key in shards.keys:
+        known, camera = shards.annotations(key), shards.camera(key)
+        assert known.poses is not None
+        axes = projected_axes(known.poses, camera)
+        images.append(MaskedImage(shards.rgb(key), known, shards.masks(key), axes, camera))
+    return images
 
 
 def _real(camera: Camera) -> dict[str, list[MaskedImage]]:
@@ -53,5 +57,5 @@ def _real(camera: Camera) -> dict[str, list[MaskedImage]]:
         if len(sample.boxes):
             name = OCCLUSIONS[int(sample.occluded)]
             known = Annotations(sample.boxes, None)
-            sets[name].append(MaskedImage(sample.rgb, known, sample.masks, camera))
+            sets[name].append(MaskedImage(sample.rgb, known, sample.masks, sample.axes, camera))
     return sets

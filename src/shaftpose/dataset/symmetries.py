@@ -28,7 +28,8 @@ def mirrored_x(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
     x0, y0, x1, y1 = known.boxes.T
     boxes = np.stack([side - x1, y0, side - x0, y1], axis=1)
     instances = None if known.instances is None else known.instances[:, ::-1]
-    return rgb[:, ::-1], Annotations(boxes, _changed(known.poses, (-1, 1), 180.0), instances)
+    tips = None if known.tips_px is None else np.array([side, 0]) + known.tips_px * [-1, 1]
+    return rgb[:, ::-1], Annotations(boxes, _changed(known.poses, (-1, 1), 180.0), instances, tips)
 
 
 def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
@@ -37,7 +38,8 @@ def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
     x0, y0, x1, y1 = known.boxes.T
     boxes = np.stack([x0, side - y1, x1, side - y0], axis=1)
     instances = None if known.instances is None else known.instances[::-1]
-    return rgb[::-1], Annotations(boxes, _changed(known.poses, (1, -1), 0.0), instances)
+    tips = None if known.tips_px is None else np.array([0, side]) + known.tips_px * [1, -1]
+    return rgb[::-1], Annotations(boxes, _changed(known.poses, (1, -1), 0.0), instances, tips)
 
 
 def transposed(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
@@ -46,7 +48,9 @@ def transposed(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
     if poses is not None:
         poses[:, :2] = poses[:, 1::-1]
     instances = None if known.instances is None else known.instances.T
-    return rgb.transpose(1, 0, 2), Annotations(known.boxes[:, [1, 0, 3, 2]], poses, instances)
+    tips = None if known.tips_px is None else known.tips_px[:, ::-1]
+    boxes = known.boxes[:, [1, 0, 3, 2]]
+    return rgb.transpose(1, 0, 2), Annotations(boxes, poses, instances, tips)
 
 
 def _changed(

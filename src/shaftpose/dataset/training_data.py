@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from shaftpose.core.batches import Batch, Targets
-from shaftpose.core.instruments import Annotations
+from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealImage, load_square
 from shaftpose.dataset.skipped import SkippedImages
@@ -59,19 +59,27 @@ class RenderedImages(Images):
 
 @dataclass(frozen=True)
 class RealImages(Images):
-    """Real images, with boxes but without poses."""
+    """Real images, with boxes but without poses, optionally with each pixel's instrument number."""
 
     images: Sequence[RealImage]
     size_px: int
+    with_instances: bool = False
 
     def __len__(self) -> int:
         """The number of images."""
         return len(self.images)
 
     def __getitem__(self, index: int) -> LabelledImage:
-        """Image `index` with boxes."""
+        """Image `index` with boxes. If a shaft has no mask, all pixels are `UNKNOWN`."""
         sample = load_square(self.images[index], self.size_px)
-        return sample.rgb, Annotations(sample.boxes, None)
+        instances = None
+        if self.with_instances:
+            instances = np.zeros(sample.rgb.shape[:2], dtype=np.uint8)
+            for number, mask in enumerate(sample.masks, 1):
+                instances[mask] = number
+            if not all(mask.any() for mask in sample.masks):
+                instances[:] = UNKNOWN
+        return sample.rgb, Annotations(sample.boxes, None, instances, sample.axes[:, 0])
 
 
 @dataclass(frozen=True)
@@ -159,17 +167,26 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
         torch.from_numpy(valid),
         has_pose,
         _stacked_instances(items),
+        _padded_tips(items, places),
     )
     return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
 
 
 def _stacked_instances(items: Sequence[LabelledImage]) -> torch.Tensor | None:
-    """Instrument maps (B, H, W) uint8, zeros for images without one; None if all lack it."""
-    if all(known.instances is None for _, known in items):
+    """Instrument maps (B, H, W) uint8; None if no image has one."""
+    maps = [known.instances for _, known in items if known.instances is not None]
+    return torch.from_numpy(np.stack(maps)) if maps else None
+
+
+def _padded_tips(items: Sequence[LabelledImage], places: int) -> torch.Tensor | None:
+    """Tips (B, G, 2) px of images without poses; None if no image has any."""
+    if all(known.tips_px is None for _, known in items):
         return None
-    empty = np.zeros(items[0][0].shape[:2], dtype=np.uint8)
-    found = [empty if known.instances is None else known.instances for _, known in items]
-    return torch.from_numpy(np.stack(found))
+    tips = np.full((len(items), places, 2), np.nan, dtype=np.float32)
+    for n, (_, known) in enumerate(items):
+        if known.tips_px is not None:
+            tips[n, : len(known.tips_px)] = known.tips_px
+    return torch.from_numpy(tips)
 
 
 @dataclass(frozen=True)

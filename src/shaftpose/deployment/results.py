@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shaftpose.core.drawing import prediction_sheet
 from shaftpose.core.figure_style import save_figure
+from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
@@ -22,6 +24,8 @@ from shaftpose.evaluation.common_instruments import found_instruments
 from shaftpose.evaluation.metrics import Metrics, evaluate
 from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
 from shaftpose.evaluation.results import Accuracy, Evaluation
+from shaftpose.evaluation.summary import Summary, summary
+from shaftpose.evaluation.symmetric_errors import symmetric_errors
 from shaftpose.figures.accuracy_figures import (
     error_over_bound_figure,
     pose_error_figure,
@@ -29,7 +33,7 @@ from shaftpose.figures.accuracy_figures import (
 )
 from shaftpose.handovers import FITTED, TrainingFacts
 from shaftpose.settings.parsing import as_plain
-from shaftpose.settings.parts import PoseRanges
+from shaftpose.settings.parts import RenderSettings
 from shaftpose.settings.tree import Settings
 
 DRAWN_IMAGES, COLUMNS = 12, 4
@@ -92,27 +96,50 @@ class ModelResults:
         found, known = predict_shards(self.predictor, self.shards, keys)
         return evaluate(found, known, self.confidence)
 
-    def accuracy(self, ranges: PoseRanges) -> Accuracy:
-        """The values for the report; ranges: from which poses are drawn."""
+    def accuracy(self, rendering: RenderSettings) -> Accuracy:
+        """The values for the report; rendering: of the images."""
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
-        visible = np.array(fractions)
+        visible, cameras = np.array(fractions), self._cameras()
+        tips = zip(cameras, self.errors.true_poses[:, :3], strict=True)
+        border = np.array([_border_px(camera, tip) for camera, tip in tips])
         return Accuracy(
             metrics=self.metrics,
-            binned_errors=binned_errors(self.errors, visible, ranges),
+            binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
+            summary=self._summary(rendering.shaft.diameter_mm, cameras),
         )
+
+    def _cameras(self) -> list[Camera]:
+        """The camera that saw each detected instrument."""
+        images = _image_of_instruments(self.known)[self.errors.instruments]
+        return [self.shards.camera(self.keys[n]) for n in images]
+
+    def _summary(self, diameter_mm: float, cameras: Sequence[Camera]) -> Summary:
+        true = self.errors.true_poses
+        further = symmetric_errors(true + self.errors.differences, true, diameter_mm, cameras)
+        return summary(self.found, self.known, self.errors, vars(further))
 
 
 def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:
     """The numbers of `count` images with the largest tip errors, the largest first, then of as many
     others with missed instruments."""
-    image_of = np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
+    image_of = _image_of_instruments(known)
     by_error = errors.instruments[np.argsort(-errors.tip_mm, kind="stable")]
     missed = np.setdiff1d(np.arange(len(image_of)), errors.instruments)
     far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
     others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
     return far + others[:count]
+
+
+def _border_px(camera: Camera, tip_mm: NDArray[np.float64]) -> float:
+    """Distance of a tip from the nearest border of its image."""
+    at, size = camera.project(tip_mm), np.array([camera.width, camera.height])
+    return float(np.minimum(at, size - at).min())
+
+
+def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
+    return np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
 
 
 def evaluation(
@@ -123,13 +150,13 @@ def evaluation(
     fitted: ModelResults | None = None,
 ) -> Evaluation:
     """The evaluation of a network and, if it has them, of its fitted poses."""
-    ranges = settings.rendering.poses
+    rendering = settings.rendering
     return Evaluation(
         title=settings.variant.title,
         training=training,
         detection=as_plain(settings.detection),
-        accuracy=alone.accuracy(ranges),
-        fitted=None if fitted is None else fitted.accuracy(ranges),
+        accuracy=alone.accuracy(rendering),
+        fitted=None if fitted is None else fitted.accuracy(rendering),
         validation=(fitted or alone).validation(),
         curves=curves,
     )

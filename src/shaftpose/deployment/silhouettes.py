@@ -1,6 +1,7 @@
 """Comparison of a model's poses, as silhouettes, with the masks of images (paper, Table II)."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from shaftpose.core.instruments import Detections
 from shaftpose.dataset.silhouette_sets import MaskedImage
 from shaftpose.deployment.prediction import predict
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.evaluation.image_axes import image_errors
 from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_score
 from shaftpose.handovers import FITTED
 
@@ -38,13 +40,26 @@ def compare_silhouettes(
         for name, images in sets.items():
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
-            known, masks = [image.known for image in images], [image.masks for image in images]
-            scores[f"{prefix}{name}"] = silhouette_score(
-                found, known, masks, silhouettes, confidence
-            )
+            scores[f"{prefix}{name}"] = _score(images, found, silhouettes, confidence)
             drawn += _drawn(images, silhouettes, name)
     write_jpeg(contact_sheet(drawn, columns=DRAWN_IMAGES), picture)
     return scores
+
+
+def _score(
+    images: Sequence[MaskedImage],
+    found: Sequence[Detections],
+    silhouettes: Sequence[Sequence[NDArray[np.bool_]]],
+    confidence: float,
+) -> SilhouetteScore:
+    known, masks = [image.known for image in images], [image.masks for image in images]
+    axes, cameras = [image.axes for image in images], [image.camera for image in images]
+    errors = image_errors(found, known, axes, cameras, confidence)
+    return replace(
+        silhouette_score(found, known, masks, silhouettes, confidence),
+        tip_px=float(np.median(errors.tip_px)) if len(errors.tip_px) else None,
+        axis_deg=float(np.median(errors.axis_deg)) if len(errors.axis_deg) else None,
+    )
 
 
 def _silhouettes(

@@ -1,6 +1,6 @@
 """Average precision as defined by PASCAL VOC 2010, for the one class "instrument"."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +46,31 @@ def average_precision(curve: PrecisionRecall) -> float:
     recall = np.concatenate([[0.0], curve.recall])
     envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
     return float(np.sum(np.diff(recall) * envelope))
+
+
+def resampled_average_precision(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> Callable[[Indices], float | None]:
+    """The average precision of images that are drawn with replacement, as a function of their
+    numbers; None for a draw without instruments. It equals that of the drawn images as a set."""
+    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
+    order = np.argsort(-scores, kind="stable")
+    right = _first_finds(_hit_instruments(detections, annotations)[order])
+    image_of = np.repeat(np.arange(len(detections)), [len(found.scores) for found in detections])
+    image_of, shown = image_of[order], np.array([len(known.boxes) for known in annotations])
+
+    def resampled(drawn: Indices) -> float | None:
+        times = np.bincount(drawn, minlength=len(shown))
+        instruments, weights = np.sum(times * shown), times[image_of]
+        if not instruments:
+            return None
+        true_positives, all_of_them = np.cumsum(weights * right), np.cumsum(weights)
+        precision = true_positives / np.maximum(all_of_them, 1)
+        return average_precision(
+            PrecisionRecall(true_positives / instruments, precision, scores[order])
+        )
+
+    return resampled
 
 
 def _hit_instruments(

@@ -1,4 +1,4 @@
-"""Pose errors binned by depth, pitch, yaw and visible fraction."""
+"""Pose errors binned by depth, pitch, yaw, visible fraction and distance from the border."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ BINS: Mapping[str, int | Sequence[float]] = {
     "pitch_deg": 5,
     "yaw_from_seam_deg": (-180, -120, -60, -30, -10, 0, 10, 30, 60, 120, 180),
     "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
+    "border_px": (0, 10, 20, 40, 80, 150),
 }
 ERRORS = ("tip_mm", "axis_deg")
 
@@ -36,12 +37,13 @@ class ErrorBin:
 
 
 def binned_errors(
-    errors: PoseErrors, visible_fractions: Array, ranges: PoseRanges
+    errors: PoseErrors, visible_fractions: Array, border_px: Array, ranges: PoseRanges
 ) -> dict[str, list[ErrorBin]]:
     """The bins of each quantity of `BINS`; the outer bins include values beyond their edges.
 
-    visible_fractions: (G,) of all instruments of the set, indexed by `errors.instruments`. ranges:
-    from which poses are drawn.
+    visible_fractions: (G,) of all instruments of the set, indexed by `errors.instruments`;
+    border_px: (M,) distances of the true tips from the image's border; ranges: from which poses are
+    drawn.
     """
     true = dict(zip(POSE_DIMENSIONS, errors.true_poses.T, strict=True))
     values = {
@@ -49,6 +51,7 @@ def binned_errors(
         "pitch_deg": true["pitch_deg"],
         "yaw_from_seam_deg": signed_deg(true["yaw_deg"] - ranges.yaw_deg[0]),
         "visible_fraction": visible_fractions[errors.instruments],
+        "border_px": border_px,
     }
     return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}
 

@@ -7,17 +7,22 @@ from typing import Any
 from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.evaluation.metrics import Metrics
+from shaftpose.evaluation.summary import Summary
 from shaftpose.handovers import TrainingFacts
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Accuracy on the test images; precision_recall: the fields of `PrecisionRecall` as lists."""
+    """Accuracy on the test images; precision_recall: the fields of `PrecisionRecall` as lists.
+
+    summary: None in results of older versions.
+    """
 
     metrics: Metrics
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     found: FoundInstruments
     precision_recall: Mapping[str, Sequence[float]]
+    summary: Summary | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.evaluation.bootstrap import mean_interval
 from shaftpose.evaluation.detected_rate import detected_rate
 
 Mask = NDArray[np.bool_]
@@ -19,12 +20,20 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SilhouetteScore:
-    """One cell pair of Table II and the number of images and instruments behind it."""
+    """One cell pair of Table II and the number of images and instruments behind it.
+
+    iou_low, iou_high: 95 % confidence interval of `iou`. tip_px, axis_deg: median errors of tip and
+    axis in the image, see `image_axes`.
+    """
 
     detected_rate: float | None
     iou: float | None
     images: int
     instruments: int
+    iou_low: float | None = None
+    iou_high: float | None = None
+    tip_px: float | None = None
+    axis_deg: float | None = None
 
 
 def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) -> float | None:
@@ -55,9 +64,12 @@ def silhouette_score(
     pairs = zip(true_masks, predicted_masks, strict=True)
     overlaps = [silhouette_iou(true, predicted) for true, predicted in pairs]
     defined = [overlap for overlap in overlaps if overlap is not None]
+    low, high = mean_interval(defined) or (None, None)
     return SilhouetteScore(
         detected_rate=detected_rate(detections, annotations, confidence),
         iou=float(np.mean(defined)) if defined else None,
         images=len(annotations),
         instruments=sum(len(known.boxes) for known in annotations),
+        iou_low=low,
+        iou_high=high,
     )

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from shaftpose.core.geometry import projected_axes
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealSample, write_coco
@@ -40,10 +41,13 @@ def read_samples(folder: Path, name: str) -> Iterator[tuple[str, RealSample]]:
     """File name and image with boxes and masks, without poses, for all images of a set."""
     shards = ShardedDataset(folder)
     for key in shards.keys:
+        known = shards.annotations(key)
+        assert known.poses is not None
         sample = RealSample(
             rgb=shards.rgb(key),
-            boxes=shards.annotations(key).boxes,
+            boxes=known.boxes,
             masks=tuple(shards.masks(key)),
+            axes=projected_axes(known.poses, shards.camera(key)),
             occluded=bool(shards.facts(key)["occluders"]),
         )
         yield f"images/{name}-{key}.jpg", sample

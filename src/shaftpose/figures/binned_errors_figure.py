@@ -20,6 +20,7 @@ QUANTITY_LABELS = {
     "pitch_deg": "true pitch [deg]",
     "yaw_from_seam_deg": "true yaw from the seam [deg]",
     "visible_fraction": "visible fraction",
+    "border_px": "tip to border [px]",
 }
 FEWEST = 5  # instruments in a bin whose median is shown
 ERROR_LABELS = {"tip_mm": "tip error [mm]", "axis_deg": "axis error [deg]"}
@@ -31,12 +32,12 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
     A dotted line at 0 deg marks the seam of the yaw. Bins of fewer than `FEWEST` instruments are
     left out, and lines do not bridge them.
     """
-    figure = new_figure(16.0, 6.4)
+    figure = new_figure(20.0, 6.4)
     panels = figure.subplots(len(ERRORS), len(BINS), sharey="row")
     for row, error in zip(panels, ERRORS, strict=True):
         for axes, quantity in zip(row, BINS, strict=True):
             for index, (title, bins) in enumerate(variants.items()):
-                _draw(axes, bins[quantity], error, title, index)
+                _draw(axes, bins.get(quantity, ()), error, title, index)  # old results lack some
             if quantity == "yaw_from_seam_deg":
                 axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
             finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")

@@ -5,6 +5,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.core.batches import Targets
+from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.dense_targets import dense_targets
 from shaftpose.network.pinhole import Pinhole
 
@@ -20,27 +21,28 @@ def loss_terms(mask: Tensor, maps: Tensor, targets: Targets, pinhole: Pinhole) -
 
     mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
     """
-    heat, values, on_shaft = dense_targets(targets, maps.shape[-1], pinhole)
+    truth = dense_targets(targets, maps.shape[-1], pinhole)
     assert targets.instances is not None
     terms = {
-        "mask": mask_loss(mask.float(), (targets.instances > 0).float(), targets.has_pose),
-        "tip": tip_loss(maps[:, 0].float().sigmoid(), heat, targets.has_pose),
-        "pose": pose_loss(maps[:, 1:].float(), values, on_shaft),
+        "mask": mask_loss(mask.float(), targets.instances),
+        "tip": tip_loss(maps[:, 0].float().sigmoid(), truth.heat, truth.has_heat),
+        "pose": pose_loss(maps[:, 1:].float(), truth.values, truth.counts),
     }
     return {"loss": torch.stack(list(terms.values())).sum(), **terms}
 
 
-def mask_loss(logits: Tensor, truth: Tensor, known: Tensor) -> Tensor:
+def mask_loss(logits: Tensor, instances: Tensor) -> Tensor:
     """Border-weighted cross-entropy plus Dice loss, at the image's resolution.
 
     Upsampling before the loss lets a half-resolution mask learn subpixel edges.
-    truth: (B, H, W) 0 or 1; known: (B,) bool, images with a mask.
+    instances: (B, H, W), see `Targets`; pixels that are `UNKNOWN` count nothing.
     """
+    known = instances != UNKNOWN
+    truth = (known & (instances > 0)).float()
     logits = functional.interpolate(logits, size=truth.shape[-2:], mode="bilinear")[:, 0]
-    weight = border_weight(truth) * known[:, None, None]
+    weight = border_weight(truth) * known
     entropy = functional.binary_cross_entropy_with_logits(logits, truth, reduction="none")
-    share = logits.sigmoid() * known[:, None, None]
-    truth = truth * known[:, None, None]
+    share = logits.sigmoid() * known
     dice = 1 - (2 * (share * truth).sum() + 1) / (share.sum() + truth.sum() + 1)
     return _MASK_WEIGHT * (weight * entropy).sum() / weight.sum().clamp(min=1) + dice
 
@@ -66,7 +68,9 @@ def tip_loss(heat: Tensor, truth: Tensor, known: Tensor) -> Tensor:
     return losses.sum() / (_TIP_CELLS * known.sum().clamp(min=1))
 
 
-def pose_loss(values: Tensor, truth: Tensor, on_shaft: Tensor) -> Tensor:
-    """Smooth L1 of tip offset, tip depth and axis, averaged over the cells of shafts."""
-    errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=_SMOOTH).sum(1)
-    return (errors * on_shaft).sum() / on_shaft.sum().clamp(min=1)
+def pose_loss(values: Tensor, truth: Tensor, counts: Tensor) -> Tensor:
+    """Smooth L1 of tip offset, tip depth and axis where they count, averaged over the cells of
+    shafts."""
+    errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=_SMOOTH)
+    cells = counts.any(1).sum().clamp(min=1)
+    return (errors * counts).sum(1).sum() / cells

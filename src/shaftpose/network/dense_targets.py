@@ -4,6 +4,8 @@ The maps are: the tip's heat; the offset from the cell to the tip of its shaft i
 (2); 2 log(depth / 25 mm) of the tip; the axis (3), a unit vector with z doubled.
 """
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -15,23 +17,44 @@ WAY_PX, DEPTH_MM, DEPTH_SCALE, AXIS_SCALE = 50.0, 25.0, 2.0, (1.0, 1.0, 2.0)
 _HEAT_PX = 6.0  # standard deviation of a tip's heat
 
 
-def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> tuple[Tensor, Tensor, Tensor]:
-    """Targets as heat: (B, cells, cells) in [0, 1]; values: (B, 6, cells, cells); on_shaft: (B,
-    cells, cells) bool, where `values` count."""
+class DenseTargets(NamedTuple):
+    """heat: (B, cells, cells) in [0, 1]; has_heat: (B,) bool, images all of whose tips are known;
+    values: (B, 6, cells, cells); counts: the same shape, bool, where `values` are known."""
+
+    heat: Tensor
+    has_heat: Tensor
+    values: Tensor
+    counts: Tensor
+
+
+def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> DenseTargets:
+    """The targets of a batch. Images without poses have heat and offsets where tips are known."""
     centres = pinhole.cell_centres(cells, targets.poses)
-    known = targets.valid & targets.has_pose[:, None]
-    poses = torch.where(known[..., None], targets.poses, torch.ones_like(targets.poses))
-    tips = pinhole.project(poses[..., :3])
+    has_pose = targets.valid & targets.has_pose[:, None]
+    poses = torch.where(has_pose[..., None], targets.poses, torch.ones_like(targets.poses))
+    tips, has_tip = pinhole.project(poses[..., :3]), has_pose
+    if targets.tips_px is not None:
+        annotated = targets.valid & ~has_pose & targets.tips_px.isfinite().all(-1)
+        tips = torch.where(annotated[..., None], targets.tips_px, tips)
+        has_tip = has_pose | annotated
     distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
-    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * known[..., None, None]
-    shaft = _coarse(targets, cells) - 1
-    on_shaft = (shaft >= 0) & targets.has_pose[:, None, None]
+    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * has_tip[..., None, None]
     rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
-    chosen = shaft.clamp(min=0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
-    values = rows.gather(1, chosen).unflatten(1, (cells, cells))
+    known = torch.cat(
+        [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], -1
+    )
+    shaft = _coarse(targets, cells) - 1
+    on_shaft = (shaft >= 0) & (shaft < rows.shape[1])  # else background or unknown
+    chosen = torch.where(on_shaft, shaft, 0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
+    values, counts = (part.gather(1, chosen).unflatten(1, (cells, cells)) for part in (rows, known))
     way = (values[..., :2] - centres) / WAY_PX
     values = torch.cat([way, values[..., 2:]], dim=-1)
-    return heat.amax(1), values.permute(0, 3, 1, 2), on_shaft
+    return DenseTargets(
+        heat=heat.amax(1),
+        has_heat=(has_tip | ~targets.valid).all(1),
+        values=values.permute(0, 3, 1, 2),
+        counts=(counts & on_shaft[..., None]).permute(0, 3, 1, 2),
+    )
 
 
 def _coarse(targets: Targets, cells: int) -> Tensor:

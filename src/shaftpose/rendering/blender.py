@@ -17,20 +17,23 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose, mask_box
 from shaftpose.core.images import read_rgb
+from shaftpose.rendering.coating_picture import coating_picture
 from shaftpose.rendering.cycles_passes import PassReader
 from shaftpose.rendering.device import use_device
 from shaftpose.rendering.films import FilmLayer
 from shaftpose.rendering.materials import (
+    CoatingLayer,
     GlowMaterial,
     SteelMaterial,
     TissueMaterial,
     mirrored_image,
+    surface_image,
 )
 from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_outline
 from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.regions import Region, cover
-from shaftpose.rendering.scene import Light, Occluder, Scene
-from shaftpose.rendering.shapes import instrument_shape
+from shaftpose.rendering.scene import Jaws, Light, Occluder, Scene
+from shaftpose.rendering.shapes import instrument_shape, jaws_mesh
 from shaftpose.settings.parts import RenderSettings, SceneSettings
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -43,7 +46,9 @@ _MARGIN_PX = 3
 # Fixed cost of a render, in samples of empty pixels: 0.5 ms in Cycles at 0.2 us per sample, plus a
 # reserve for Python's overhead.
 _RENDER_PX_SAMPLES = 4_000
-_OCCLUDER_INDEX = 30_000  # more than any number of shafts; Blender's limit is 32,767
+_UNANNOTATED_INDEX = (
+    30_000  # of occluders and jaws; above any number of shafts; Blender's limit is 32,767
+)
 # Metal reflects the cube after one bounce, and the other shaft's reflections after two.
 _BOUNCES = 2
 
@@ -68,7 +73,9 @@ class Renderer:
     """
 
     def __init__(self, settings: RenderSettings) -> None:
-        self._mesh = instrument_shape(settings.shaft).mesh
+        self._shape = instrument_shape(settings.shaft)
+        self._mesh = self._shape.mesh
+        self._diameter_mm = settings.shaft.diameter_mm
         self._pinhole = pinhole_behind(settings)
         self._samples = settings.samples
         bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -82,7 +89,10 @@ class Renderer:
         self._shafts: list[Any] = []
         self._places: list[NDArray[np.float64]] = []  # of the shafts in the scene
         self._steels: list[SteelMaterial] = []
+        self._coatings: list[CoatingLayer] = []
         self._films: list[FilmLayer] = []
+        self._jaw_steels: list[SteelMaterial] = []
+        self._jaws: list[tuple[Any, Mesh]] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
         self._images: list[Any] = []  # of the background: reflected by metal, shown by tissue
@@ -94,8 +104,10 @@ class Renderer:
         self._place_shafts(scene.shafts, scene.rolls_deg)
         for material, steel in zip(self._steels, scene.steels, strict=False):
             material.apply(steel)
+        self._coat(scene)
         for layer, film in zip_longest(self._films, scene.films[: len(self._films)]):
             layer.apply(film)
+        self._place_jaws(scene.jaws)
         self._place_occluders(scene.occluders)
         return self._render_for(scene.camera)
 
@@ -104,6 +116,7 @@ class Renderer:
     ) -> NDArray[np.int64]:
         """Index (H, W) of the shaft in front at each pixel's centre of `camera`, n + 1, or 0."""
         self._place_shafts(poses, rolls_deg or [0.0] * len(poses))
+        self._place_jaws(())
         self._place_occluders(())
         index = np.zeros((camera.height, camera.width), dtype=np.int64)
         foreground = self._render_for(camera)
@@ -141,13 +154,47 @@ class Renderer:
         shaft.pass_index = number + 1
         self._shafts.append(shaft)
         self._steels.append(steel)
+        self._coatings.append(CoatingLayer(steel.material))
         self._films.append(FilmLayer(steel.material))
 
+    def _coat(self, scene: Scene) -> None:
+        """Give the shafts their coatings; the pictures are removed with the background's."""
+        size_mm = np.pi * self._shape.diameter_mm, self._shape.length_mm
+        pairs = zip(scene.coatings, scene.steels, strict=False)
+        for layer, pair in zip_longest(self._coatings, pairs):
+            coating, steel = pair or (None, None)
+            if coating is None or steel is None:
+                layer.apply(None, None, size_mm)
+                continue
+            picture = coating_picture(coating, steel, self._shape.diameter_mm, size_mm[1])
+            self._images.append(surface_image(picture))
+            layer.apply(coating, self._images[-1], size_mm)
+
+    def _place_jaws(self, jaws: Sequence[Jaws | None]) -> None:
+        """Put jaws in front of the placed shafts."""
+        _remove(self._jaws)
+        while len(self._jaw_steels) < len(jaws):
+            self._jaw_steels.append(SteelMaterial.create(f"jaws {len(self._jaw_steels)}"))
+        self._jaws = [
+            self._add_jaws(one, place, material)
+            for one, place, material in zip(jaws, self._places, self._jaw_steels, strict=False)
+            if one is not None
+        ]
+
+    def _add_jaws(
+        self, jaws: Jaws, place: NDArray[np.float64], material: SteelMaterial
+    ) -> tuple[Any, Mesh]:
+        mesh = jaws_mesh(self._diameter_mm, jaws.length_mm, jaws.opening_deg)
+        both = bpy.data.objects.new("jaws", _blender_mesh("jaws", mesh, smooth=True))
+        both.data.materials[0] = material.material
+        both.pass_index = _UNANNOTATED_INDEX
+        both.matrix_world = _to_blender(_FLIP @ place @ _turned_about_z(jaws.roll_deg))
+        material.apply(jaws.steel)
+        self._scene.collection.objects.link(both)
+        return both, mesh
+
     def _place_occluders(self, occluders: Sequence[Occluder]) -> None:
-        for lump, _ in self._occluders:
-            data = lump.data
-            bpy.data.objects.remove(lump)
-            bpy.data.meshes.remove(data)
+        _remove(self._occluders)
         while len(self._tissues) < len(occluders):
             self._tissues.append(TissueMaterial.create(f"tissue {len(self._tissues)}"))
         pairs = zip(occluders, self._tissues, strict=False)
@@ -157,7 +204,7 @@ class Renderer:
         mesh = lump_mesh(occluder.radii_mm, occluder.shape_seed)
         lump = bpy.data.objects.new("lump", _blender_mesh("lump", mesh, smooth=True))
         lump.data.materials[0] = tissue.material
-        lump.pass_index = _OCCLUDER_INDEX
+        lump.pass_index = _UNANNOTATED_INDEX
         lump.matrix_world = _to_blender(_FLIP @ _occluder_matrix(occluder))
         tissue.apply(self._images[1], occluder.tint)
         self._scene.collection.objects.link(lump)
@@ -187,14 +234,15 @@ class Renderer:
             passes = self._reader.render()
             linear[region.slices] = passes["Combined"]
             index[region.slices] = np.rint(passes["IndexOB"][..., 0])
-        index[index == _OCCLUDER_INDEX] = 0
+        index[index == _UNANNOTATED_INDEX] = 0
         whole = Region(*mask_box(touched))
         return Foreground(whole, linear[whole.slices], index[whole.slices])
 
     def _touched(self) -> NDArray[np.bool_]:
         """Mask (H, W) of pixels that a shaft or an occluder may touch, plus a margin."""
         placed = [(self._mesh, place) for place in self._places]
-        placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in self._occluders]
+        others = self._occluders + self._jaws
+        placed += [(mesh, _FLIP @ np.array(lump.matrix_world)) for lump, mesh in others]
         touched = np.zeros((self._pinhole.height, self._pinhole.width), dtype=np.uint8)
         for mesh, matrix in placed:
             points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
@@ -224,11 +272,23 @@ def _pose_matrix(pose: ShaftPose, roll_deg: float) -> NDArray[np.float64]:
 
 
 def _occluder_matrix(occluder: Occluder) -> NDArray[np.float64]:
-    turn = np.radians(occluder.turn_deg)
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    matrix = _turned_about_z(occluder.turn_deg)
     matrix[:3, 3] = occluder.centre_mm
     return matrix
+
+
+def _turned_about_z(angle_deg: float) -> NDArray[np.float64]:
+    turn, matrix = np.radians(angle_deg), np.eye(4)
+    matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    return matrix
+
+
+def _remove(placed: Sequence[tuple[Any, Mesh]]) -> None:
+    """Remove objects and their meshes from the open file."""
+    for one, _ in placed:
+        data = one.data
+        bpy.data.objects.remove(one)
+        bpy.data.meshes.remove(data)
 
 
 def _to_blender(matrix: NDArray[np.float64]) -> list[list[float]]:

@@ -47,11 +47,18 @@ class FilmLayer:
     def _opaque(self, thick: Any) -> None:
         """Hide the steel where blood is thick."""
         colour = self._node("ShaderNodeMixRGB")
-        colour.inputs["Color1"].default_value = self._shader.inputs["Base Color"].default_value
+        bare, metallic = self._shader.inputs["Base Color"], self._shader.inputs["Metallic"]
+        if bare.is_linked:  # by a coating
+            self._tree.links.new(bare.links[0].from_socket, colour.inputs["Color1"])
+        else:
+            colour.inputs["Color1"].default_value = bare.default_value
         colour.inputs["Color2"].default_value = _BLOOD
         self._tree.links.new(thick, colour.inputs["Fac"])
         self._link(colour.outputs["Color"], "Base Color")
-        self._link(self._math("SUBTRACT", 1.0, thick), "Metallic")
+        covered = self._math("SUBTRACT", 1.0, thick)
+        if metallic.is_linked:
+            covered = self._math("MULTIPLY", covered, metallic.links[0].from_socket)
+        self._link(covered, "Metallic")
 
     def _pattern(self, film: Film) -> Any:
         """Height pattern of smears along the shaft and of drops."""

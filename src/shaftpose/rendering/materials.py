@@ -1,4 +1,4 @@
-"""Blender materials: brushed steel, tissue, and the glowing background around the shafts."""
+"""Blender materials: brushed steel, its coating, tissue, and the glowing background."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.rendering.compositing import to_linear
-from shaftpose.rendering.scene import Steel
+from shaftpose.rendering.scene import Coating, Steel
 
 _NORMAL_MAP_PX = 512
 # Share of the scratches' slopes in the normal map; the rest of their variance is roughness.
@@ -118,6 +118,53 @@ def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
     # Blender's images start with the bottom row.
     pixels[::-1, :, :3] = cv2.resize(to_linear(rgb), size, interpolation=cv2.INTER_AREA)
     image.pixels.foreach_set(pixels.ravel())
+    return image
+
+
+class CoatingLayer:
+    """The polymer coating on one steel material: colour, share of metal and roughness by a picture.
+    Steel without a coating keeps its own nodes."""
+
+    def __init__(self, material: Any) -> None:
+        tree = material.node_tree
+        self._links, self._shader = tree.links, tree.nodes["Principled BSDF"]
+        coordinates = tree.nodes.new("ShaderNodeUVMap")
+        self._mapping = tree.nodes.new("ShaderNodeMapping")
+        self._texture = tree.nodes.new("ShaderNodeTexImage")
+        self._roughness = tree.nodes.new("ShaderNodeMapRange")
+        tree.links.new(coordinates.outputs["UV"], self._mapping.inputs["Vector"])
+        tree.links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
+        tree.links.new(self._texture.outputs["Alpha"], self._roughness.inputs["Value"])
+
+    def apply(self, coating: Coating | None, picture: Any, size_mm: tuple[float, float]) -> None:
+        """Replace the coating on the current steel; None: bare steel.
+
+        picture: Blender image of `coating_picture`; size_mm: its extent around and along.
+        """
+        for name in ("Base Color", "Metallic", "Roughness"):
+            for link in list(self._shader.inputs[name].links):
+                self._links.remove(link)
+        if coating is None:
+            return
+        self._texture.image = picture
+        self._mapping.inputs["Scale"].default_value = (1 / size_mm[0], 1 / size_mm[1], 1.0)
+        # 0 on the polymer, 1 on bare metal.
+        self._roughness.inputs["To Min"].default_value = coating.roughness
+        self._roughness.inputs["To Max"].default_value = self._shader.inputs[
+            "Roughness"
+        ].default_value
+        self._links.new(self._texture.outputs["Color"], self._shader.inputs["Base Color"])
+        self._links.new(self._texture.outputs["Alpha"], self._shader.inputs["Metallic"])
+        self._links.new(self._roughness.outputs["Result"], self._shader.inputs["Roughness"])
+
+
+def surface_image(picture: NDArray[np.float32]) -> Any:
+    """A picture (rows, columns, 4) as a new Blender image: linear, alpha apart from the colours."""
+    rows, columns = picture.shape[:2]
+    image = bpy.data.images.new("coating", columns, rows, alpha=True, float_buffer=True)
+    image.alpha_mode = "CHANNEL_PACKED"
+    image.colorspace_settings.name = "Non-Color"
+    image.pixels.foreach_set(picture.ravel())  # Blender's first row is at v = 0, as the picture's
     return image
 
 

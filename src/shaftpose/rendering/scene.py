@@ -6,7 +6,7 @@ unchanged.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,10 @@ from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
 from shaftpose.settings.parts import LensSettings, Range, RenderSettings, SceneSettings
 
 _MOST_REDRAWS = 100
+# Of coated shafts, the share that ends in bare steel, and the longest such end; lengths of jaws; in
+# diameters of the shaft, as estimated in laparoscopic images.
+_BARE_TIPS, _LONGEST_BARE = 0.6, 3.0
+_JAW_LENGTHS = 0.8, 4.0
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,28 @@ class Steel:
     scratches: float
     grain: float  # density of the scratches along the shaft
     anisotropy: float = 0.0
+
+
+@dataclass(frozen=True)
+class Coating:
+    """Polymer on one shaft, with bare steel on `bare_mm` from the tip, rings and print.
+
+    rgb: its linear reflectance."""
+
+    rgb: tuple[float, float, float]
+    roughness: float
+    bare_mm: float
+    marks_seed: int
+
+
+@dataclass(frozen=True)
+class Jaws:
+    """Steel jaws in front of a shaft's tip, which are no part of the annotated shaft."""
+
+    opening_deg: float
+    length_mm: float
+    roll_deg: float
+    steel: Steel
 
 
 @dataclass(frozen=True)
@@ -92,6 +118,8 @@ class Scene:
     sensor_seed: int
     tries: int
     films: tuple[Film, ...] = ()  # one per shaft, or none at all
+    coatings: tuple[Coating | None, ...] = ()  # one per shaft, or none at all
+    jaws: tuple[Jaws | None, ...] = ()  # one per shaft, or none at all
     contact_shadow: float = 0.0
     crossing: int = 0  # number of shafts, the last ones, sampled to cross in front of another
 
@@ -108,6 +136,8 @@ class Scene:
         options: dict[str, Any] = {
             "rolls_deg": self.rolls_deg if any(self.rolls_deg) else (),
             "films": [_stated(film) for film in self.films],
+            "coatings": [coating and _stated(coating) for coating in self.coatings],
+            "jaws": [jaws and asdict(jaws) for jaws in self.jaws],
             "contact_shadow": self.contact_shadow,
             "crossing": self.crossing,
         }
@@ -133,6 +163,8 @@ class _Draws:
     lens: np.random.Generator
     films: np.random.Generator
     shadow: np.random.Generator
+    coatings: np.random.Generator
+    jaws: np.random.Generator
 
     @classmethod
     def of_image(cls, seed: int, index: int) -> "_Draws":
@@ -190,6 +222,8 @@ class SceneSampler:
             sensor_seed=int(rng.integers(2**31)),
             tries=sampled.tries,
             films=sample_films(draws.films, len(steels), settings.scene),
+            coatings=sample_coatings(draws.coatings, len(steels), settings),
+            jaws=sample_jaws(draws.jaws, len(steels), settings),
             contact_shadow=_uniform(draws.shadow, settings.scene.contact_shadow),
             crossing=len(crossing),
         )
@@ -260,6 +294,56 @@ def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) ->
             pattern_mm=(float(rng.uniform(0, 1000)), float(rng.uniform(0, 1000)), 0.0),
         )
         for _ in range(shafts)
+    )
+
+
+def sample_coatings(
+    rng: np.random.Generator, shafts: int, settings: RenderSettings
+) -> tuple[Coating | None, ...]:
+    """A polymer coating for each shaft with the settings' probability, unless that is 0."""
+    scene = settings.scene
+    if not scene.coating_probability:
+        return ()
+    drawn = [
+        (rng.random(), _coating(rng, scene, settings.shaft.diameter_mm)) for _ in range(shafts)
+    ]
+    return tuple(
+        coating if chance < scene.coating_probability else None for chance, coating in drawn
+    )
+
+
+def _coating(rng: np.random.Generator, scene: SceneSettings, diameter_mm: float) -> Coating:
+    # Reflectances of polymers span two orders of magnitude: uniform in the logarithm.
+    grey = float(np.exp(rng.uniform(*np.log(scene.coating_grey))))
+    red, green, blue = np.clip(grey * rng.normal(1, 0.06, 3), 0, 1).tolist()
+    bare = rng.random() < _BARE_TIPS
+    return Coating(
+        rgb=(red, green, blue),
+        roughness=_uniform(rng, scene.coating_roughness),
+        bare_mm=float(rng.uniform(0, _LONGEST_BARE)) * diameter_mm if bare else 0.0,
+        marks_seed=int(rng.integers(2**31)),
+    )
+
+
+def sample_jaws(
+    rng: np.random.Generator, shafts: int, settings: RenderSettings
+) -> tuple[Jaws | None, ...]:
+    """Jaws for each shaft with the settings' probability, unless that is 0."""
+    if not settings.scene.jaws_probability:
+        return ()
+    drawn = [(rng.random(), _jaws(rng, settings)) for _ in range(shafts)]
+    return tuple(
+        jaws if chance < settings.scene.jaws_probability else None for chance, jaws in drawn
+    )
+
+
+def _jaws(rng: np.random.Generator, settings: RenderSettings) -> Jaws:
+    low, high = _JAW_LENGTHS
+    return Jaws(
+        opening_deg=float(rng.uniform(0, 70)),
+        length_mm=float(rng.uniform(low, high)) * settings.shaft.diameter_mm,
+        roll_deg=float(rng.uniform(0, 360)),
+        steel=sample_steel(rng, settings.scene),
     )
 
 

@@ -71,18 +71,26 @@ def _bevelled_profile(shaft: ShaftSettings) -> Array:
 
 def forceps_mesh(diameter_mm: float, length_mm: float, jaw_angle_deg: float) -> Mesh:
     """A rod that ends in two half-round jaws, opened by `jaw_angle_deg` in the y-z plane."""
-    half = np.radians(jaw_angle_deg) / 2
-    upper, faces = _jaw(diameter_mm / 2, _JAW_LENGTH * diameter_mm)
+    jaws = jaws_mesh(diameter_mm, _JAW_LENGTH * diameter_mm, jaw_angle_deg)
+    reach = -jaws.vertices[:, 2].min()
+    rod = shaft_mesh(diameter_mm, length_mm - reach)
+    vertices = np.concatenate([rod.vertices, jaws.vertices]) + [0, 0, reach]
+    start = len(rod.vertices)
+    faces = rod.faces + tuple(tuple(start + n for n in face) for face in jaws.faces)
+    return Mesh(vertices, faces, wrapped_uv(vertices, faces))
+
+
+def jaws_mesh(diameter_mm: float, length_mm: float, angle_deg: float) -> Mesh:
+    """Two half-round jaws from a hinge at the origin towards -z, opened in the y-z plane."""
+    half = np.radians(angle_deg) / 2
+    upper, faces = _jaw(diameter_mm / 2, length_mm)
     # A rotation about the hinge, the x axis; z points to the handle, the jaw to -z.
     upper = upper @ np.array([[1, 0, 0], [0, np.cos(half), np.sin(half)],
                               [0, -np.sin(half), np.cos(half)]])  # fmt: skip
     lower = upper * [-1, -1, 1]  # half a turn about z
-    reach = -upper[:, 2].min()
-    rod = shaft_mesh(diameter_mm, length_mm - reach)
-    vertices = np.concatenate([rod.vertices, upper, lower]) + [0, 0, reach]
-    starts = len(rod.vertices), len(rod.vertices) + len(upper)
-    jaws = tuple(tuple(start + n for n in face) for start in starts for face in faces)
-    return Mesh(vertices, rod.faces + jaws, wrapped_uv(vertices, rod.faces + jaws))
+    vertices = np.concatenate([upper, lower])
+    both = tuple(tuple(start + n for n in face) for start in (0, len(upper)) for face in faces)
+    return Mesh(vertices, both, wrapped_uv(vertices, both))
 
 
 def _jaw(radius: float, length: float) -> tuple[Array, list[tuple[int, ...]]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from shaftpose.errors import InputError
 from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.summary import Summary
 from shaftpose.report.paper_numbers import TABLE_I
 
 STAND_IN = "stand-in"
@@ -25,7 +26,8 @@ class VariantRow:
     blocks, None for a network without the paper's backbone; `detector_steps` are the steps of the
     detector that training started from, 0 for random weights; `parameters` is the number of
     weights. `mixed_in_images` are real or stand-in training images in addition to
-    `training_images`. Only variants that the paper lacks need a `title`.
+    `training_images`. Only variants that the paper lacks need a `title`. `summary` is None for
+    means of several trainings, and in results of older versions.
     """
 
     variant: str
@@ -43,6 +45,7 @@ class VariantRow:
     mixed_in_images: int = 0
     title: str = ""
     spread: MetricValues = field(default_factory=dict)
+    summary: Summary | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,7 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
         seeds=(training.seed,),
         parameters=training.parameters,
         mixed_in_images=real.images if real else 0,
+        summary=evaluation.accuracy.summary,
     )
 
 

@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
@@ -39,13 +40,32 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
         *report_tables.table_i_scale(report),
+        *_optional(
+            f"{level} Intervals and spread of the errors",
+            report_tables.SPREAD,
+            report_tables.SPREAD_COLUMNS,
+            report_tables.spread_rows(report),
+        ),
         f"{level} Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
+        *_optional(
+            f"{level} Tip and axis in the image",
+            report_tables.IMAGE_ERRORS,
+            ["Images", "Variant", *(c.heading for c in report_tables.IMAGE_COLUMNS)],
+            report_tables.image_errors(report),
+        ),
         f"{level} How each variant was trained",
         pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
     ]
+
+
+def _optional(
+    title: str, note: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
+) -> list[str]:
+    """Title, note and table; nothing if no row was measured."""
+    return [title, note, pipe_table(headings, rows)] if rows else []
 
 
 def table_i_block(rows: list[ComparedRow], columns: tuple[report_tables.Column, ...]) -> str:
@@ -97,6 +117,16 @@ def to_html(report: AblationReport) -> str:
         setup_rows=report_tables.setup_rows(report),
         notes_i=report_tables.table_i_scale(report),
         notes_ii=report_tables.table_ii_scale(report),
+        image_headings=[
+            "Images",
+            "Variant",
+            *(column.heading for column in report_tables.IMAGE_COLUMNS),
+        ],
+        image_rows=report_tables.image_errors(report),
+        image_note=report_tables.IMAGE_ERRORS,
+        spread_headings=report_tables.SPREAD_COLUMNS,
+        spread_rows=report_tables.spread_rows(report),
+        spread_note=report_tables.SPREAD,
         figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
         missing=MISSING,
     )

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
+from shaftpose.evaluation.bootstrap import Interval
+from shaftpose.evaluation.summary import Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
     REAL,
@@ -48,6 +50,33 @@ TABLE_II_COLUMNS = (
     Column("clear/iou", "Clear: IoU", 3),
     Column("occluded/detected_rate", "Occluded: detected rate", 3),
     Column("occluded/iou", "Occluded: IoU", 3),
+)
+IMAGE_COLUMNS = (
+    Column("clear/tip_px", "Clear: tip [px]", 1),
+    Column("clear/axis_deg", "Clear: axis [deg]", 1),
+    Column("occluded/tip_px", "Occluded: tip [px]", 1),
+    Column("occluded/axis_deg", "Occluded: axis [deg]", 1),
+)
+SPREAD_ERRORS = (("tip_mm", 2), ("axis_deg", 1), ("add_s_mm", 2), ("mssd_mm", 2), ("mspd_px", 1))
+SPREAD_COLUMNS = (
+    "Variant",
+    "mAP",
+    "Detected rate",
+    "Detected rate at 0.5",
+    "Tip [mm]",
+    "Axis [deg]",
+    "ADD-S [mm]",
+    "MSSD [mm]",
+    "MSPD [px]",
+)
+SPREAD = (
+    "mAP and detected rate: 95 % confidence intervals (bootstrap over test images). Errors: "
+    "median; 95th percentile (interval of the mean). ADD-S, MSSD and MSPD are those of the BOP "
+    "benchmark, for the 10 mm of the shaft next to its tip."
+)
+IMAGE_ERRORS = (
+    "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "
+    "poses in mm, they can be measured where camera and diameter are unknown."
 )
 SETUP_COLUMNS = (
     "Variant",
@@ -113,6 +142,35 @@ def beside_paper(
     ]
 
 
+def spread_rows(report: AblationReport) -> list[list[str]]:
+    """Intervals, medians and 95th percentiles of each variant that has them, in the order of
+    `SPREAD_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            show_interval(row.summary.mAP, 3),
+            show_interval(row.summary.detected_rate, 3),
+            show(row.summary.detected_rate_at_half, 3),
+            *(_error_cell(row.summary, name, decimals) for name, decimals in SPREAD_ERRORS),
+        ]
+        for row in report.rows
+        if row.summary
+    ]
+
+
+def show_interval(ends: Interval | None, decimals: int) -> str:
+    """An interval as text, such as "0.91 to 0.95"."""
+    return MISSING if ends is None else f"{show(ends[0], decimals)} to {show(ends[1], decimals)}"
+
+
+def _error_cell(summary: Summary, name: str, decimals: int) -> str:
+    error = summary.errors.get(name)
+    if error is None:
+        return MISSING
+    shown = (error.median, error.p95, *error.interval)
+    return "{}; {} ({} to {})".format(*(show(value, decimals) for value in shown))
+
+
 def table_ii(report: AblationReport) -> list[ComparedRow]:
     """Rendered images, then real or stand-in images; one row for each measured variant."""
     # Our domain, its key in TABLE_II, and the paper's name for it.
@@ -121,7 +179,7 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
         ComparedRow(
             title=report.title(variant),
             paper=_paper_silhouette_cells(variant, paper_domain),
-            ours=cells(_by_set(sets, domain), TABLE_II_COLUMNS),
+            ours=_with_intervals(_by_set(sets, domain)),
             domain=domain,
             paper_domain=paper_word,
             champion=variant == report.champion.variant,
@@ -130,6 +188,27 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
         for variant, sets in report.silhouette.items()
         if any(name.startswith(f"{domain}/") for name in sets)
     ]
+
+
+def image_errors(report: AblationReport) -> list[list[str]]:
+    """Images, variant and errors of tip and axis in the image, in the order of `IMAGE_COLUMNS`;
+    without variants for which they were not measured."""
+    rows = [
+        [domain, report.title(variant), *cells(_by_set(sets, domain), IMAGE_COLUMNS)]
+        for domain in (RENDERED, report.domain_label)
+        for variant, sets in report.silhouette.items()
+    ]
+    return [row for row in rows if set(row[2:]) != {MISSING}]
+
+
+def _with_intervals(values: MetricValues) -> list[str]:
+    """The cells of Table II, with the 95 % intervals of IoU where they were computed."""
+    shown = cells(values, TABLE_II_COLUMNS)
+    for n, column in enumerate(TABLE_II_COLUMNS):
+        low, high = (values.get(f"{column.name}_{end}") for end in ("low", "high"))
+        if low is not None and high is not None:
+            shown[n] += f" ({show(low, 2)} to {show(high, 2)})"
+    return shown
 
 
 def setup_rows(report: AblationReport) -> list[list[str]]:
@@ -201,7 +280,8 @@ def table_ii_scale(report: AblationReport) -> list[str]:
         f"{instruments} instruments in each cell.",
         "IoU: union of the true visible masks against union of the silhouettes re-rendered at the "
         "estimated poses, per image, averaged over images; 0 if the network detects nothing. A "
-        "silhouette counts even if its box is too inaccurate to count as detected. Silhouettes "
+        "silhouette counts even if its box is too inaccurate to count as detected. In brackets: "
+        "95 % confidence interval (bootstrap over images). Silhouettes "
         "ignore occlusion: on occluded images, which hide a part of each shaft, no pose reaches 1.",
     ]
     if report.domain_label == STAND_IN:

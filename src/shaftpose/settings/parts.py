@@ -183,7 +183,10 @@ class SceneSettings:
     the lens or a ring around it; ambient: brightness of the background as reflected by the metal, 1
     is as photographed; roughness: of the steel; scratches: strength of the normal map; anisotropy:
     elongation of highlights, as on turned steel; films: share of a shaft's surface under blood or
-    clear fluid; contact_shadow: how much the shafts darken the background next to them;
+    clear fluid; coating_probability: chance that a shaft has a polymer coating; coating_grey: its
+    reflectance, uniform in the logarithm; coating_roughness: of its surface; jaws_probability:
+    chance that jaws, which are not annotated, extend from a shaft's tip; contact_shadow: how much
+    the shafts darken the background next to them;
     occluder_probability: chance that tissue hides part of an image's shafts; occluder_coverage:
     hidden share of each of these shafts; crossing_probability: chance of an extra shaft, annotated
     like the others, that passes in front of one of them; crossing_coverage: largest share that it
@@ -202,6 +205,10 @@ class SceneSettings:
     scratches: UnitRange
     anisotropy: UnitRange
     films: UnitRange
+    coating_probability: Fraction
+    coating_grey: Annotated[UnitRange, AfterValidator(_above_zero)]
+    coating_roughness: UnitRange
+    jaws_probability: Fraction
     contact_shadow: UnitRange
     occluder_probability: Fraction
     occluder_coverage: UnitRange

@@ -75,7 +75,7 @@ def training_data(
     shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
     stream = TrainingStream(
         rendered=RenderedImages(shards, read_keys(lists, "train"), with_instances),
-        real=real_images() if variant.real_share > 0 else None,
+        real=real_images(with_instances) if variant.real_share > 0 else None,
         real_share=variant.real_share,
         transforms=transforms(settings.augmentation, variant.noise),
         length=size.steps * size.batch_size,
@@ -87,9 +87,9 @@ def training_data(
     return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
 
 
-def real_images() -> RealImages:
+def real_images(with_instances: bool) -> RealImages:
     """The training part of the real, or stand-in, images."""
-    return RealImages(read_coco(Path("data/real/train.json")), IMAGE_SIDE_PX)
+    return RealImages(read_coco(Path("data/real/train.json")), IMAGE_SIDE_PX, with_instances)
 
 
 def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:

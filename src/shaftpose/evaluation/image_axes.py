@@ -1,0 +1,52 @@
+"""Errors of tip and axis as seen in the image, which real images without poses allow as well.
+
+Axes are those of `shaftpose.core.geometry.projected_axes`, NaN where they are not known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shaftpose.core.geometry import Camera, projected_axes
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.evaluation.boxes import Array, best_instruments, first_hits
+
+
+@dataclass(frozen=True)
+class ImageErrors:
+    """Errors of M matched instruments: tip_px (M,), the distance of the tips; axis_deg (M,), the
+    angle between the axes."""
+
+    tip_px: Array
+    axis_deg: Array
+
+
+def image_errors(
+    detections: Sequence[Detections],
+    annotations: Sequence[Annotations],
+    true_axes: Sequence[Array],
+    cameras: Sequence[Camera],
+    confidence: float = 0.5,
+) -> ImageErrors:
+    """Errors of the instruments with a known axis that a detection with a score of at least
+    `confidence` hits, matched as for pose errors.
+
+    true_axes: (G, 2, 2) of each image.
+    """
+    pairs = [np.empty((0, 2, 2, 2))]
+    for found, known, true, camera in zip(detections, annotations, true_axes, cameras, strict=True):
+        found = found.above(confidence)
+        order = np.argsort(-found.scores, kind="stable")
+        hit = best_instruments(found.boxes[order], known.boxes)
+        first = first_hits(hit)
+        seen = projected_axes(found.poses[order][first], camera)
+        pairs.append(np.stack([seen, true[hit[first]]], axis=1))
+    both = np.concatenate(pairs)
+    both = both[np.isfinite(both).all(axis=(1, 2, 3))]
+    tips, ways = both[:, :, 0], both[:, :, 1] - both[:, :, 0]
+    angles = np.degrees(np.arctan2(ways[..., 1], ways[..., 0]))
+    return ImageErrors(
+        tip_px=np.linalg.norm(tips[:, 0] - tips[:, 1], axis=-1),
+        axis_deg=np.abs((angles[:, 0] - angles[:, 1] + 180) % 360 - 180),
+    )

@@ -1,0 +1,59 @@
+"""The surface of a polymer-coated shaft as a picture: coating, bare metal at the tip, rings and
+print."""
+
+import string
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.rendering.scene import Coating, Steel
+
+_PX_PER_MM = 5.0
+_MOST_RINGS = 3
+_MARKED_MM = 50.0  # rings and print are within this distance from the tip
+_PRINTED_SHARE = 0.5  # of the coated shafts
+
+
+def coating_picture(
+    coating: Coating, steel: Steel, diameter_mm: float, length_mm: float
+) -> NDArray[np.float32]:
+    """(rows along the shaft from its tip, columns around it, 4): linear RGB reflectance, and the
+    share of bare metal."""
+    rng = np.random.default_rng(coating.marks_seed)
+    rows, columns = (max(8, round(size * _PX_PER_MM)) for size in (length_mm, np.pi * diameter_mm))
+    base = np.array(coating.rgb, dtype=np.float32)
+    picture = np.zeros((rows, columns, 4), dtype=np.float32)
+    picture[..., :3] = base
+    for _ in range(int(rng.integers(_MOST_RINGS + 1))):
+        start = _row(rng.uniform(0, _MARKED_MM))
+        picture[start : start + _row(rng.uniform(0.2, 2.5)) + 1, :, :3] = _contrast(rng, base)
+    if rng.random() < _PRINTED_SHARE:
+        mark = _print_mask(rng, rows, columns)[..., None]
+        picture[..., :3] += mark * (_contrast(rng, base) - picture[..., :3])
+    bare = _row(coating.bare_mm)
+    picture[:bare] = steel.grey, steel.grey, steel.grey, 1.0
+    return picture
+
+
+def _row(mm: float) -> int:
+    return round(float(mm) * _PX_PER_MM)
+
+
+def _contrast(rng: np.random.Generator, base: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A lighter colour on dark coatings, a darker one on light ones."""
+    factor = rng.uniform(2, 8) if base.mean() < 0.06 else rng.uniform(0.05, 0.6)
+    return np.clip(base * np.float32(factor), 0, 1)
+
+
+def _print_mask(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np.float32]:
+    """Coverage (rows, columns) of a word in block letters along the shaft."""
+    word = "".join(rng.choice(list(string.ascii_uppercase + string.digits), rng.integers(2, 10)))
+    height = columns * float(rng.uniform(0.12, 0.3))  # of letters, around the shaft
+    scale = height / 21  # OpenCV's plain capitals are 21 px high at scale 1
+    along = np.zeros((columns, rows), dtype=np.uint8)
+    at = _row(rng.uniform(2, _MARKED_MM)), int(rng.integers(int(height), columns))
+    weight = max(1, round(height / 6))
+    cv2.putText(along, word, at, cv2.FONT_HERSHEY_SIMPLEX, scale, (255,), weight, cv2.LINE_AA)
+    letters = along[:, ::-1] if rng.random() < 0.5 else along
+    return letters.T.astype(np.float32) / 255

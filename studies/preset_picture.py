@@ -1,0 +1,54 @@
+"""Render images with a preset, in front of the backgrounds in data/backgrounds.
+
+`python -m studies.preset_picture conf/presets/real.yaml docs/images/real_preset.jpg`
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import yaml
+from tqdm import tqdm
+
+from shaftpose.core.drawing import contact_sheet
+from shaftpose.core.images import write_jpeg
+from shaftpose.errors import exit_on_input_error
+from shaftpose.nested import flatten
+from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.silhouette import blender_output_hidden
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.tree import Settings
+
+ROOT = Path(__file__).parents[1]
+IMAGES, COLUMNS = 18, 6
+
+
+def main() -> None:
+    """Write the picture of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("preset", type=Path, help="a file of conf/presets")
+    parser.add_argument("out", type=Path, help="the JPEG file to write")
+    arguments = parser.parse_args()
+    with exit_on_input_error():
+        draw(preset_settings(arguments.preset), arguments.out)
+
+
+def preset_settings(preset: Path) -> Settings:
+    """The project's settings with the values of a preset."""
+    changes = flatten(yaml.safe_load(preset.read_text()))
+    return composed_settings(ROOT, *(f"{name}={json.dumps(v)}" for name, v in changes.items()))
+
+
+def draw(settings: Settings, out: Path) -> None:
+    """Write a contact sheet of the first images of the training set."""
+    held_out, seed = settings.backgrounds.held_out, settings.seed
+    plan = planned_sets(settings.rendering, settings.size, held_out, seed)["images"]
+    with blender_output_hidden():
+        generator = Generator(plan.settings, plan.backgrounds, plan.seed)
+        images = [generator.sample(n).rgb for n in tqdm(range(IMAGES), "rendering", unit="image")]
+    write_jpeg(contact_sheet(images, COLUMNS), out, quality=85)
+
+
+if __name__ == "__main__":
+    main()

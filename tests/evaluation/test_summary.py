@@ -1,0 +1,67 @@
+"""Intervals and spreads of a test set."""
+
+import numpy as np
+import pytest
+
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.evaluation.average_precision import (
+    average_precision,
+    precision_recall,
+    resampled_average_precision,
+)
+from shaftpose.evaluation.metrics import evaluate
+from shaftpose.evaluation.pose_errors import pose_errors
+from shaftpose.evaluation.summary import summary
+
+BOXES = np.array([[0.0, 0.0, 10.0, 10.0], [50.0, 50.0, 80.0, 80.0]])
+POSE = np.array([5.0, 5.0, 20.0, 70.0, 100.0])
+
+
+def images(count: int) -> tuple[list[Detections], list[Annotations]]:
+    """Images with one or two instruments, found with errors, missed or invented at random."""
+    rng = np.random.default_rng(8)
+    found, known = [], []
+    for n in range(count):
+        shown = BOXES[: 1 + n % 2]
+        poses = np.tile(POSE, (len(shown), 1))
+        known.append(Annotations(shown, poses))
+        boxes = np.concatenate([shown, BOXES[:1] + 100])[rng.random(len(shown) + 1) < 0.8]
+        wrong = np.tile(POSE, (len(boxes), 1)) + rng.normal(0, 1, (len(boxes), 5))
+        found.append(Detections(boxes, np.sort(rng.random(len(boxes)))[::-1], wrong))
+    return found, known
+
+
+def test_resampled_precision_is_that_of_the_drawn_images() -> None:
+    found, known = images(12)
+    resampled = resampled_average_precision(found, known)
+    rng = np.random.default_rng(2)
+    for drawn in (np.arange(12), *(rng.integers(12, size=12) for _ in range(20))):
+        chosen = [found[n] for n in drawn], [known[n] for n in drawn]
+        assert resampled(drawn) == pytest.approx(average_precision(precision_recall(*chosen)))
+    assert resampled(np.empty(0, dtype=np.intp)) is None
+
+
+def test_intervals_surround_the_metrics() -> None:
+    found, known = images(60)
+    metrics, errors = evaluate(found, known, 0.3), pose_errors(found, known, 0.3)
+    further = {"twice_mm": 2 * errors.tip_mm}
+    result = summary(found, known, errors, further)
+    for name, interval in (("mAP", result.mAP), ("detected_rate", result.detected_rate)):
+        assert interval is not None
+        assert interval[0] < getattr(metrics, name) < interval[1]
+    tip, twice = result.errors["tip_mm"], result.errors["twice_mm"]
+    assert tip.mean == pytest.approx(metrics.tip_mm)
+    assert tip.interval[0] < tip.mean < tip.interval[1]
+    assert tip.median == pytest.approx(np.median(errors.tip_mm))
+    assert tip.p95 == pytest.approx(np.quantile(errors.tip_mm, 0.95))
+    assert twice.interval == pytest.approx((2 * tip.interval[0], 2 * tip.interval[1]))
+    half = evaluate(found, known, 0.5).detected_rate
+    assert result.detected_rate_at_half == half
+
+
+def test_a_set_in_which_nothing_is_found_has_no_errors() -> None:
+    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    known = [Annotations(BOXES, np.tile(POSE, (2, 1)))]
+    result = summary([nothing], known, pose_errors([nothing], known), {})
+    assert result.errors == {}
+    assert (result.mAP, result.detected_rate) == ((0, 0), (0, 0))
