@@ -248,6 +248,17 @@ def test_masks_of_occluded_shafts_are_not_compared(tmp_path: Path) -> None:
     assert shard.images[0].shafts[0].silhouette_iou is None
 
 
+def test_masks_behind_jaws_are_not_compared(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    mask[:, :75] = False
+    behind, free = [{"opening_deg": 30.0}], [None]
+    assert "below 0.95" in complaint(
+        write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], jaws=free)]])
+    )
+    (shard,) = checked(write_set(tmp_path, [[sample(0, [LEFT], masks=[mask], jaws=behind)]]))
+    assert not shard.problems
+
+
 def test_a_mask_beside_its_occluded_shaft(tmp_path: Path) -> None:
     (mask,) = silhouettes([LEFT])
     aside = np.roll(mask, 2, axis=0)

@@ -92,11 +92,11 @@ def cylinder_depths(image: AnnotatedImage, camera: Camera, body: Body) -> list[A
 
 def silhouette_ious(image: AnnotatedImage, depths: list[Array] | None) -> list[float | None]:
     """IoU of each visible mask with the visible part of its cylinder's silhouette. All None in
-    images with occluders and for instruments that are not plain rods.
+    images with occluders or jaws, and for instruments that are not plain rods.
 
     depths: see `cylinder_depths`.
     """
-    if not depths or image.facts.occluders:
+    if not depths or image.facts.hides_shafts:
         return [None] * len(image.masks)
     nearest = np.argmin(depths, axis=0)
     silhouettes = [(nearest == n) & np.isfinite(depth) for n, depth in enumerate(depths)]
@@ -329,8 +329,9 @@ def _unlike_silhouettes(ious: Sequence[float | None], least: float) -> Iterator[
 def _outside_silhouettes(
     image: AnnotatedImage, depths: list[Array] | None, most: float
 ) -> Iterator[str]:
-    """Check that masks in images with occluders lie inside the silhouettes of their poses."""
-    if depths is None or not image.facts.occluders:
+    """Check that masks in images with occluders or jaws lie inside the silhouettes of their
+    poses."""
+    if depths is None or not image.facts.hides_shafts:
         return
     for n, (mask, depth) in enumerate(zip(image.masks, depths, strict=True)):
         share = int(np.sum(mask & np.isinf(depth))) / max(int(mask.sum()), 1)

@@ -5,7 +5,7 @@ training uses.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -107,6 +107,12 @@ class SceneFacts:
     tries: Count
     rolls_deg: list[float] | None = None
     crossing: Count = 0
+    jaws: list[Any] = field(default_factory=list)  # one per shaft, None where there are none
+
+    @property
+    def hides_shafts(self) -> bool:
+        """Whether something that has no mask may be in front of a shaft."""
+        return bool(self.occluders) or any(self.jaws)
 
     @property
     def rolls(self) -> list[float]:
