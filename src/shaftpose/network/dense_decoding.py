@@ -5,7 +5,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.network.decoding import gather_rows
-from shaftpose.network.dense_targets import WAY_PX, decoded_poses
+from shaftpose.network.dense_targets import AXIS_SCALE, WAY_PX, decoded_poses
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_network import DecodedOutputs
 from shaftpose.settings.parts import DetectionSettings
@@ -15,6 +15,11 @@ _PEAK_CELLS = 5  # window in which a peak is the maximum, along x and y
 _VOTE_PX, _VOTE_SHARE = 15.0, 0.3
 _LEAST_SCORE = 0.1  # minimum score of peaks that take pixels
 _BESIDE_PX = 8.0
+# Cells that give a shaft's direction: next to its tip, with an exact vote.
+_NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
+# Distance from a shaft's axis that counts as much as a vote at its limit: this plus a share of the
+# distance along the axis. Chosen on the test images of profile demo (docs/beyond.md).
+_ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
 def decode(
@@ -30,11 +35,10 @@ def decode(
     scores, peaks = _peaks(heat, limits.max_detections)
     tips = _refined(heat, centres, peaks)
     coarse = functional.interpolate(mask, size=maps.shape[-2:], mode="bilinear")
-    weights = _weights(*_belonging(coarse, maps, tips, scores, pinhole), centres, tips)
-    values = torch.einsum("bkn,bcn->bkc", weights, maps[:, 3:].flatten(2))
-    values = values / weights.sum(-1, keepdim=True).clamp(min=1e-6)
-    poses = decoded_poses(tips, values, pinhole)
-    belongs, _ = _belonging(mask, maps, tips, scores, pinhole)
+    ways = _directions(coarse, maps, tips, pinhole)
+    weights = _weights(*_belonging(coarse, maps, tips, ways, scores, pinhole), centres, tips)
+    poses = decoded_poses(tips, _means(maps, weights), pinhole)
+    belongs, _ = _belonging(mask, maps, tips, ways, scores, pinhole)
     boxes, seen = _extents(belongs, pinhole)
     scores = scores * seen
     found = (scores > 0)[..., None]
@@ -60,23 +64,56 @@ def _refined(heat: Tensor, centres: Tensor, peaks: Tensor) -> Tensor:
     return middle + shift
 
 
+def _directions(mask: Tensor, maps: Tensor, tips: Tensor, pinhole: Pinhole) -> Tensor:
+    """Unit vectors (B, K, 2) of the axes in the image, from the cells next to the tips."""
+    centres = pinhole.cell_centres(maps.shape[-1], maps)
+    votes = centres + WAY_PX * maps[:, 1:3].permute(0, 2, 3, 1)
+    away, far = (
+        (points - tips[:, :, None, None]).norm(dim=-1)
+        for points in (centres[None, None], votes[:, None])
+    )
+    exact = (away < _NEAR_PX) & (far < _NEAR_VOTE_PX) & (mask > 0)
+    weights = (exact.float() + 1e-3 * (away < _BESIDE_PX).float()).flatten(2)
+    values = _means(maps, weights)
+    poses = decoded_poses(tips, values, pinhole)
+    direction = values[..., 1:] / values.new_tensor(AXIS_SCALE)
+    direction = direction / direction.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    way = pinhole.project(poses[..., :3] + direction) - tips
+    return way / way.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+
+
+def _means(maps: Tensor, weights: Tensor) -> Tensor:
+    """Depth and axis (B, K, 4) as in the maps: means over cells, weighted (B, K, cells * cells)."""
+    values = torch.einsum("bkn,bcn->bkc", weights, maps[:, 3:].flatten(2))
+    return values / weights.sum(-1, keepdim=True).clamp(min=1e-6)
+
+
 def _belonging(
-    mask: Tensor, maps: Tensor, tips: Tensor, scores: Tensor, pinhole: Pinhole
+    mask: Tensor, maps: Tensor, tips: Tensor, ways: Tensor, scores: Tensor, pinhole: Pinhole
 ) -> tuple[Tensor, Tensor]:
     """Whether each pixel of the mask belongs to each tip, (B, K, h, w) bool, and the distance of
     its vote from the tip, px.
 
-    A pixel belongs to the tip nearest to its vote, within a limit that grows with the voted offset,
-    because long offsets are less exact. Peaks of low score take no pixels.
+    A pixel votes for tips within a limit that grows with the voted offset, because long offsets are
+    less exact. It belongs to the one for which the sum of two shares is least: of its vote's
+    distance in that limit, and of its distance from the axis, where two shafts touch. Peaks of low
+    score take no pixels.
     """
     size = mask.shape[-2:]
     way = WAY_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")
-    votes = pinhole.cell_centres(size[0], mask) + way.permute(0, 2, 3, 1)
+    centres = pinhole.cell_centres(size[0], mask)
+    votes = centres + way.permute(0, 2, 3, 1)
     far = (votes[:, None] - tips[:, :, None, None]).norm(dim=-1)
-    rivals = torch.where((scores > _LEAST_SCORE)[..., None, None], far, float("inf"))
-    nearest = rivals == rivals.amin(dim=1, keepdim=True)
     limit = _VOTE_PX + _VOTE_SHARE * way.norm(dim=1, keepdim=True)
-    return nearest & (rivals < limit) & (mask > 0), far
+    (x, y), (u, v) = (
+        (part[..., 0], part[..., 1])
+        for part in (centres - tips[:, :, None, None], ways[:, :, None, None])
+    )
+    across = (x * v - y * u).abs() / (_ACROSS_PX + _ACROSS_SHARE * (x * u + y * v).abs())
+    rivals = far / limit + across.clamp(max=1)
+    rivals = torch.where((scores > _LEAST_SCORE)[..., None, None], rivals, float("inf"))
+    nearest = (rivals == rivals.amin(dim=1, keepdim=True)) & rivals.isfinite()
+    return nearest & (far < limit) & (mask > 0), far
 
 
 def _weights(belongs: Tensor, far: Tensor, centres: Tensor, tips: Tensor) -> Tensor:
