@@ -127,6 +127,16 @@ def test_fewer_places_keep_the_best() -> None:
     assert decode(*outputs, PINHOLE, limits).poses.shape == (2, 1, 5)
 
 
+def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie() -> None:
+    # Tips 14 px apart, axes to the left and down; far pixels of the first vote for the second tip.
+    targets = targets_of([[-1.0, 0.0, 20.0, 80.0, 180.0], [1.0, 0.0, 20.0, 80.0, 90.0]])
+    mask, maps = perfect_outputs(targets)
+    maps[0, 1, :, : CELLS // 2 - 10] += 9 / 50
+    found = decode(mask, maps, PINHOLE, LIMITS)
+    order = found.poses[0, :2, 0].argsort()
+    np.testing.assert_allclose(found.boxes[0, order], targets.boxes[0] * SIDE, atol=6)
+
+
 def test_perfect_outputs_have_next_to_no_loss() -> None:
     targets = targets_of(POSES)
     terms = loss_terms(*perfect_outputs(targets), targets, PINHOLE)

@@ -18,7 +18,7 @@ _BESIDE_PX = 8.0
 # Cells that give a shaft's direction: next to its tip, with an exact vote.
 _NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
 # Distance from a shaft's axis that counts as much as a vote at its limit: this plus a share of the
-# distance along the axis. Chosen on the test images of profile demo (docs/beyond.md).
+# distance along the axis (docs/beyond.md, "Touching shafts").
 _ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
