@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from shaftpose.core.drawing import contact_sheet
 from shaftpose.core.images import write_jpeg
-from shaftpose.errors import exit_on_input_error
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.nested import flatten
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
@@ -44,6 +44,8 @@ def draw(settings: Settings, out: Path) -> None:
     """Write a contact sheet of the first images of the training set."""
     held_out, seed = settings.backgrounds.held_out, settings.seed
     plan = planned_sets(settings.rendering, settings.size, held_out, seed)["images"]
+    if not all(source.startswith("tissue-") for source in plan.backgrounds.values()):
+        raise InputError("data/backgrounds: holds images of others; run the pipeline with its own")
     with blender_output_hidden():
         generator = Generator(plan.settings, plan.backgrounds, plan.seed)
         images = [generator.sample(n).rgb for n in tqdm(range(IMAGES), "rendering", unit="image")]

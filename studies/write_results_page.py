@@ -48,7 +48,8 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
 def page(root: Path) -> str:
     """The page for the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
-    real = report_of(root, "reports/real") if (root / "reports/real").is_dir() else None
+    has_real = (root / "reports/real/ablation.json").is_file()
+    real = report_of(root, "reports/real") if has_real else None
     return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks, real)
 
 

@@ -45,4 +45,7 @@ def _null(representer: Any, _: None) -> Any:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_file():
+        known = ", ".join(path.stem for path in sorted(Path("conf/presets").glob("*.yaml")))
+        sys.exit(f"error: {' '.join(sys.argv[1:])}: no preset; choose from {known}")
     apply_preset(Path(sys.argv[1]))

@@ -35,6 +35,13 @@ def test_a_turn_about_the_tip_moves_the_far_end() -> None:
     assert mssd == pytest.approx(chord, rel=1e-3)
 
 
+def test_points_behind_the_camera_are_not_projected() -> None:
+    near = np.array([[0.0, 0.0, 7.0, 30.0, 0.0]])  # 10 mm up the shaft, z is -1.7 mm
+    add_s, mssd, mspd = errors(near + [0, 0.1, 0, 0, 0], near)
+    assert mssd == pytest.approx(0.1)
+    assert 0.1 * 100 / 8 < mspd < 0.1 * 100 / 1
+
+
 def test_rotations_about_the_axis_do_not_count() -> None:
     """Against a search over finer rotations than the model has corners."""
     rng = np.random.default_rng(5)

@@ -173,9 +173,12 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
 
 
 def _stacked_instances(items: Sequence[LabelledImage]) -> torch.Tensor | None:
-    """Instrument maps (B, H, W) uint8; None if no image has one."""
-    maps = [known.instances for _, known in items if known.instances is not None]
-    return torch.from_numpy(np.stack(maps)) if maps else None
+    """Instrument maps (B, H, W) uint8, `UNKNOWN` for images without one; None if all lack it."""
+    if all(known.instances is None for _, known in items):
+        return None
+    unknown = np.full(items[0][0].shape[:2], UNKNOWN, dtype=np.uint8)
+    found = [unknown if known.instances is None else known.instances for _, known in items]
+    return torch.from_numpy(np.stack(found))
 
 
 def _padded_tips(items: Sequence[LabelledImage], places: int) -> torch.Tensor | None:

@@ -56,13 +56,15 @@ def summary(
         errors={
             name: _error_summary(values, image_of[errors.instruments], len(annotations))
             for name, values in {**errors.by_name, **further}.items()
-            if len(values)
+            if np.isfinite(values).any()
         },
     )
 
 
 def _error_summary(values: Array, images: NDArray[np.intp], count: int) -> ErrorSummary:
-    """images: (M,) image of each value, of `count` images."""
+    """images: (M,) image of each value, of `count` images; values that are NaN do not count."""
+    defined = np.isfinite(values)
+    values, images = values[defined], images[defined]
     sums, counts = np.bincount(images, values, count), np.bincount(images, minlength=count)
     found = _ratio_interval(sums, counts)
     assert found is not None

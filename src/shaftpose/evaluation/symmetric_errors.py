@@ -17,6 +17,7 @@ from shaftpose.evaluation.boxes import Array
 
 MODEL_MM = 10.0  # length of the model from the tip
 _RINGS, _CORNERS = 5, 64
+_NEAR_MM = 1.0  # rings that are nearer to the camera in one of both poses are not projected
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,10 @@ def symmetric_errors(
     for n, (*pair, camera) in enumerate(zip(predicted, true, cameras, strict=True)):
         found, known = (_placed(model, ShaftPose.from_array(pose)) for pose in pair)
         gaps = np.linalg.norm(known.reshape(-1, 1, 3) - found.reshape(1, -1, 3), axis=-1)
-        seen = [camera.project(points) for points in (found, known)]
-        errors[n] = gaps.min(axis=1).mean(), _largest(found, known), _largest(*seen)
+        in_front = np.minimum(found, known)[..., 2].min(axis=1) > _NEAR_MM
+        seen = [camera.project(points[in_front]) for points in (found, known)]
+        mspd = _largest(*seen) if in_front.any() else np.nan
+        errors[n] = gaps.min(axis=1).mean(), _largest(found, known), mspd
     return SymmetricErrors(*errors.T)
 
 

@@ -31,7 +31,7 @@ def write_stand_in(
             samples[name] = list(read_samples(folder / name, name))
     for name, sample in [pair for pairs in samples.values() for pair in pairs]:
         write_jpeg(sample.rgb, out / name)
-    about = "stand-in for real endoscopic images, rendered; boxes only, no poses"
+    about = "stand-in for real endoscopic images, rendered; no poses"
     write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
     test = samples["clear"] + samples["occluded"]
     write_coco(out / "test.json", test, with_masks=True, description=about)

@@ -52,8 +52,12 @@ def _print_mask(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np
     height = columns * float(rng.uniform(0.12, 0.3))  # of letters, around the shaft
     scale = height / 21  # OpenCV's plain capitals are 21 px high at scale 1
     along = np.zeros((columns, rows), dtype=np.uint8)
-    at = _row(rng.uniform(2, _MARKED_MM)), int(rng.integers(int(height), columns))
     weight = max(1, round(height / 6))
-    cv2.putText(along, word, at, cv2.FONT_HERSHEY_SIMPLEX, scale, (255,), weight, cv2.LINE_AA)
-    letters = along[:, ::-1] if rng.random() < 0.5 else along
-    return letters.T.astype(np.float32) / 255
+    start, top = _row(rng.uniform(2, _MARKED_MM)), int(rng.integers(columns - int(height)))
+    (width, _), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, scale, weight)
+    strip = along[top : top + int(height) + 2 * weight, start : start + width]
+    base = 0, int(height) + weight
+    cv2.putText(strip, word, base, cv2.FONT_HERSHEY_SIMPLEX, scale, (255,), weight, cv2.LINE_AA)
+    if rng.random() < 0.5:  # read from the handle
+        strip[:] = strip[::-1, ::-1].copy()
+    return along.T.astype(np.float32) / 255

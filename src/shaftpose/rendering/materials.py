@@ -16,6 +16,7 @@ _NORMAL_MAP_PX = 512
 _SHOWN_SLOPES = 0.5
 _SLOPE = 0.27  # root mean square of the normal map's slopes
 _MIRRORED_PX = 24
+_COATING_ROWS = 1000  # more than a coating's picture has, of which half a row is the first
 
 
 @dataclass
@@ -133,7 +134,12 @@ class CoatingLayer:
         self._texture = tree.nodes.new("ShaderNodeTexImage")
         self._roughness = tree.nodes.new("ShaderNodeMapRange")
         tree.links.new(coordinates.outputs["UV"], self._mapping.inputs["Vector"])
-        tree.links.new(self._mapping.outputs["Vector"], self._texture.inputs["Vector"])
+        # The disc of the tip has coordinates below 0 along the shaft: it is like the tip's rim.
+        from_tip = tree.nodes.new("ShaderNodeVectorMath")
+        from_tip.operation = "MAXIMUM"
+        from_tip.inputs[1].default_value = (-1e6, 0.5 / _COATING_ROWS, -1e6)
+        tree.links.new(self._mapping.outputs["Vector"], from_tip.inputs[0])
+        tree.links.new(from_tip.outputs["Vector"], self._texture.inputs["Vector"])
         tree.links.new(self._texture.outputs["Alpha"], self._roughness.inputs["Value"])
 
     def apply(self, coating: Coating | None, picture: Any, size_mm: tuple[float, float]) -> None:

@@ -71,8 +71,8 @@ SPREAD_COLUMNS = (
 )
 SPREAD = (
     "mAP and detected rate: 95 % confidence intervals (bootstrap over test images). Errors: "
-    "median; 95th percentile (interval of the mean). ADD-S, MSSD and MSPD are those of the BOP "
-    "benchmark, for the 10 mm of the shaft next to its tip."
+    "median; 95th percentile (interval of the mean). ADD-S, and the BOP benchmark's "
+    "MSSD and MSPD, are of the 10 mm of the shaft next to its tip."
 )
 IMAGE_ERRORS = (
     "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "

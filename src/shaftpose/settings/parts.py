@@ -262,6 +262,11 @@ class RenderSettings:
     device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
 
     def __post_init__(self) -> None:
+        if self.scene.jaws_probability and (self.shaft.cad or self.shaft.tip == "forceps"):
+            raise ValueError(
+                f"scene.jaws_probability = {self.scene.jaws_probability:g}: an instrument with its "
+                "own end (shaft.cad, or shaft.tip: forceps) cannot have jaws; set it to 0"
+            )
         field_px, diagonal_px = self.lens.field_px, math.sqrt(2) * self.camera.size_px
         if field_px is not None and field_px >= diagonal_px:
             raise ValueError(
