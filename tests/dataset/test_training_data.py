@@ -223,6 +223,25 @@ def test_batches_hold_the_annotated_tips_of_real_images(tmp_path: Path) -> None:
     np.testing.assert_allclose(tips[:, 0], [[np.nan] * 2, [12, 9], [np.nan] * 2])
 
 
+def test_a_shaft_that_was_left_out_is_unknown_and_no_background(tmp_path: Path) -> None:
+    real = replace(real_images(tmp_path), with_instances=True)
+    axis = ((20.0, 9.0), (14.0, 23.0))
+    mask = np.zeros((SIZE, 48), dtype=np.uint8)
+    mask[8:24, 12:24] = 1
+    shown = replace(real.images[0].instruments[0], mask=encode(mask), axis=axis)
+    aside = np.zeros((SIZE, 48), dtype=np.uint8)
+    aside[:, 39:] = 1  # one of nine columns is in the square, columns 8 to 40, less than a fifth
+    left_out = replace(shown, box=(39.0, 0.0, 48.0, float(SIZE)), mask=encode(aside))
+    image = replace(real.images[0], instruments=(shown, left_out))
+    known = replace(real, images=[image])[0][1]
+    assert known.instances is not None and known.tips_px is not None
+    expected = mask[:, 8:40].copy()
+    expected[aside[:, 8:40] > 0] = UNKNOWN
+    assert len(known.boxes) == 1
+    np.testing.assert_array_equal(known.instances, expected)
+    assert np.isnan(known.tips_px).all()
+
+
 def test_masks_of_real_images_are_known_only_if_every_shaft_has_one(tmp_path: Path) -> None:
     boxed = replace(real_images(tmp_path), with_instances=True)
     assert boxed[0][1].instances is not None

@@ -59,13 +59,15 @@ class RealImage:
 @dataclass(frozen=True)
 class RealSample:
     """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S), axes
-    (G, 2, 2) px, NaN where they are not known."""
+    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels
+    of dropped instruments, None if there are none."""
 
     rgb: NDArray[np.uint8]
     boxes: NDArray[np.float64]
     masks: tuple[NDArray[np.bool_], ...]
     axes: NDArray[np.float64]
     occluded: bool
+    left_out: NDArray[np.bool_] | None = None
 
 
 def _inside_folder(name: str) -> str:
@@ -268,6 +270,7 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     """
     rgb = read_pixels(image)
     boxes, masks, axes, occluded = [], [], [], False
+    left_out = np.zeros((size_px, size_px), dtype=bool)
     side = min(image.width, image.height)
     corner = (np.array([image.width, image.height]) - side) // 2
     for instrument in image.instruments:
@@ -278,13 +281,27 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
             axis = np.full((2, 2), np.nan) if instrument.axis is None else instrument.axis
             axes.append((np.array(axis) - corner) * size_px / side)
             occluded |= instrument.occluded
+        else:
+            left_out |= _pixels(instrument, image, size_px)
     return RealSample(
         rgb=centre_square(rgb, size_px),
         boxes=np.array(boxes, dtype=np.float64).reshape(-1, 4),
         masks=tuple(masks),
         axes=np.array(axes, dtype=np.float64).reshape(-1, 2, 2),
         occluded=occluded,
+        left_out=left_out if left_out.any() else None,
     )
+
+
+def _pixels(instrument: RealInstrument, image: RealImage, size_px: int) -> NDArray[np.bool_]:
+    """The pixels (S, S) of an instrument in the resized square, of its box if it has no mask."""
+    if instrument.mask is not None:
+        whole = run_lengths.decode(instrument.mask)
+    else:
+        x0, y0, x1, y1 = np.rint(instrument.box).astype(int)
+        whole = np.zeros((image.height, image.width), dtype=np.uint8)
+        whole[y0:y1, x0:x1] = 1
+    return centre_square(whole, size_px).astype(bool)
 
 
 def _in_square(

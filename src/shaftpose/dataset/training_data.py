@@ -70,16 +70,25 @@ class RealImages(Images):
         return len(self.images)
 
     def __getitem__(self, index: int) -> LabelledImage:
-        """Image `index` with boxes. If a shaft has no mask, all pixels are `UNKNOWN`."""
+        """Image `index` with boxes.
+
+        Where a shaft was left out, pixels are `UNKNOWN` and so are all tips; if a shaft has no
+        mask, all pixels are.
+        """
         sample = load_square(self.images[index], self.size_px)
         instances = None
         if self.with_instances:
             instances = np.zeros(sample.rgb.shape[:2], dtype=np.uint8)
             for number, mask in enumerate(sample.masks, 1):
                 instances[mask] = number
+            if sample.left_out is not None:
+                instances[sample.left_out] = UNKNOWN
             if not all(mask.any() for mask in sample.masks):
                 instances[:] = UNKNOWN
-        return sample.rgb, Annotations(sample.boxes, None, instances, sample.axes[:, 0])
+        tips = sample.axes[:, 0]
+        if sample.left_out is not None:
+            tips = np.full_like(tips, np.nan)
+        return sample.rgb, Annotations(sample.boxes, None, instances, tips)
 
 
 @dataclass(frozen=True)
