@@ -35,6 +35,12 @@ def test_seeds_give_different_marks_of_contrasting_colour() -> None:
         assert np.median(marked) < 0.2 * 750 * 47
 
 
+def test_a_short_shaft_has_room_for_no_mark_and_is_painted_all_the_same() -> None:
+    for seed in range(20):
+        short = replace(BLACK, marks_seed=seed)
+        assert coating_picture(short, STEEL, 3.0, 5.0).shape == (25, 47, 4)
+
+
 def test_equal_coatings_look_alike() -> None:
     one, other = (coating_picture(BLACK, STEEL, 3.0, 150.0) for _ in range(2))
     np.testing.assert_array_equal(one, other)

@@ -59,8 +59,8 @@ class RealImage:
 @dataclass(frozen=True)
 class RealSample:
     """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S), axes
-    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels
-    of dropped instruments, None if there are none."""
+    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels of dropped instruments,
+    None if there are none."""
 
     rgb: NDArray[np.uint8]
     boxes: NDArray[np.float64]
@@ -271,8 +271,7 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     rgb = read_pixels(image)
     boxes, masks, axes, occluded = [], [], [], False
     left_out = np.zeros((size_px, size_px), dtype=bool)
-    side = min(image.width, image.height)
-    corner = (np.array([image.width, image.height]) - side) // 2
+    side, corner = _central_square(image)
     for instrument in image.instruments:
         part = _in_square(instrument, image, size_px)
         if part is not None:
@@ -293,6 +292,12 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     )
 
 
+def _central_square(image: RealImage) -> tuple[int, NDArray[np.int64]]:
+    """Side and upper left corner (2,) of the central square, px."""
+    side = min(image.width, image.height)
+    return side, (np.array([image.width, image.height]) - side) // 2
+
+
 def _pixels(instrument: RealInstrument, image: RealImage, size_px: int) -> NDArray[np.bool_]:
     """The pixels (S, S) of an instrument in the resized square, of its box if it has no mask."""
     if instrument.mask is not None:
@@ -308,8 +313,7 @@ def _in_square(
     instrument: RealInstrument, image: RealImage, size_px: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
     """Box (4,) px and mask (S, S) in the resized square; None if the instrument is dropped."""
-    side = min(image.width, image.height)
-    corner = (np.array([image.width, image.height]) - side) // 2
+    side, corner = _central_square(image)
     whole = np.array(instrument.box).reshape(2, 2) - corner
     box = np.clip(whole, 0, side)
     if np.prod(box[1] - box[0]) < 0.2 * np.prod(whole[1] - whole[0]):

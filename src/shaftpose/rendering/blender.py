@@ -46,9 +46,8 @@ _MARGIN_PX = 3
 # Fixed cost of a render, in samples of empty pixels: 0.5 ms in Cycles at 0.2 us per sample, plus a
 # reserve for Python's overhead.
 _RENDER_PX_SAMPLES = 4_000
-_UNANNOTATED_INDEX = (
-    30_000  # of occluders and jaws; above any number of shafts; Blender's limit is 32,767
-)
+# Of occluders and jaws; above any number of shafts; Blender's limit is 32,767.
+_UNANNOTATED_INDEX = 30_000
 # Metal reflects the cube after one bounce, and the other shaft's reflections after two.
 _BOUNCES = 2
 

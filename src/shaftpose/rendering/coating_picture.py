@@ -53,7 +53,8 @@ def _print_mask(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np
     scale = height / 21  # OpenCV's plain capitals are 21 px high at scale 1
     along = np.zeros((columns, rows), dtype=np.uint8)
     weight = max(1, round(height / 6))
-    start, top = _row(rng.uniform(2, _MARKED_MM)), int(rng.integers(columns - int(height)))
+    start = min(_row(rng.uniform(2, _MARKED_MM)), rows - 1)  # of a short shaft
+    top = int(rng.integers(columns - int(height)))
     (width, _), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, scale, weight)
     strip = along[top : top + int(height) + 2 * weight, start : start + width]
     base = 0, int(height) + weight
