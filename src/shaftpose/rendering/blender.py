@@ -74,7 +74,6 @@ class Renderer:
     def __init__(self, settings: RenderSettings) -> None:
         self._shape = instrument_shape(settings.shaft)
         self._mesh = self._shape.mesh
-        self._diameter_mm = settings.shaft.diameter_mm
         self._pinhole = pinhole_behind(settings)
         self._samples = settings.samples
         bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -183,7 +182,7 @@ class Renderer:
     def _add_jaws(
         self, jaws: Jaws, place: NDArray[np.float64], material: SteelMaterial
     ) -> tuple[Any, Mesh]:
-        mesh = jaws_mesh(self._diameter_mm, jaws.length_mm, jaws.opening_deg)
+        mesh = jaws_mesh(jaws.width_mm, jaws.length_mm, jaws.opening_deg)
         both = bpy.data.objects.new("jaws", _blender_mesh("jaws", mesh, smooth=True))
         both.data.materials[0] = material.material
         both.pass_index = _UNANNOTATED_INDEX

@@ -21,10 +21,14 @@ from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
 from shaftpose.settings.parts import LensSettings, Range, RenderSettings, SceneSettings
 
 _MOST_REDRAWS = 100
-# Of coated shafts, the share that ends in bare steel, and the longest such end; lengths of jaws; in
-# diameters of the shaft, as estimated in laparoscopic images.
-_BARE_TIPS, _LONGEST_BARE = 0.6, 3.0
-_JAW_LENGTHS = 0.8, 4.0
+# As estimated in laparoscopic images, where a coated shaft mostly ends with its coating: the share of
+# coated shafts with a bare steel end, and, in diameters of the shaft, the longest such end, the
+# jaws' widths and their lengths.
+_BARE_TIPS, _LONGEST_BARE = 0.2, 1.0
+_JAW_WIDTHS, _JAW_LENGTHS = (0.4, 1.0), (0.8, 4.0)
+_JAW_OPENINGS_DEG = 0.0, 70.0
+# Closed jaws as wide as the shaft would look like a part of it: wider ones are opened by this.
+_WIDE_JAWS, _LEAST_OPENING_DEG = 0.8, 15.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class Jaws:
     """Steel jaws in front of a shaft's tip, which are no part of the annotated shaft."""
 
     opening_deg: float
+    width_mm: float
     length_mm: float
     roll_deg: float
     steel: Steel
@@ -338,10 +343,12 @@ def sample_jaws(
 
 
 def _jaws(rng: np.random.Generator, settings: RenderSettings) -> Jaws:
-    low, high = _JAW_LENGTHS
+    diameter, width = settings.shaft.diameter_mm, _uniform(rng, _JAW_WIDTHS)
+    least, most = _JAW_OPENINGS_DEG
     return Jaws(
-        opening_deg=float(rng.uniform(0, 70)),
-        length_mm=float(rng.uniform(low, high)) * settings.shaft.diameter_mm,
+        opening_deg=_uniform(rng, (_LEAST_OPENING_DEG if width > _WIDE_JAWS else least, most)),
+        width_mm=width * diameter,
+        length_mm=_uniform(rng, _JAW_LENGTHS) * diameter,
         roll_deg=float(rng.uniform(0, 360)),
         steel=sample_steel(rng, settings.scene),
     )
