@@ -275,6 +275,18 @@ def test_coatings_and_jaws_follow_their_probabilities(
     assert min(greys) > 0.007 and max(greys) < 0.13
 
 
+def test_closed_jaws_are_narrower_than_the_shaft(
+    with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
+) -> None:
+    settings = with_scene(jaws_probability=1.0)
+    drawn = scenes(settings, backgrounds, images=100)
+    jaws = [one for scene in drawn for one in scene.jaws if one is not None]
+    shares = np.array([one.width_mm / settings.shaft.diameter_mm for one in jaws])
+    openings = np.array([one.opening_deg for one in jaws])
+    assert 0.4 <= shares.min() < 0.5 and 0.9 < shares.max() <= 1
+    assert openings[shares > 0.8].min() >= 15 > openings.min()
+
+
 def test_cameras_lie_within_their_ranges(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:

@@ -17,6 +17,7 @@ from shaftpose.core.batches import Batch, Targets
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealImage, load_square
+from shaftpose.dataset.similarities import random_similarity
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.symmetries import random_symmetry
 from shaftpose.errors import InputError
@@ -96,8 +97,8 @@ class TrainingStream(Images):
     """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
 
     Rendered images are reshuffled in each pass; a share `real_share` of the items, evenly spread,
-    are real images. With `symmetries`, each image is randomly mirrored and turned. A run that stops
-    at item n can resume there.
+    are real images. With `symmetries`, each image is randomly mirrored and turned, and scaled as
+    well if its poses are unknown. A run that stops at item n can resume there.
     If `skipped` is given, it records damaged images and the next image replaces each of them.
     Raises InputError naming the damaged image otherwise, or the last one if all are damaged.
     """
@@ -130,6 +131,7 @@ class TrainingStream(Images):
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
         if self.symmetries:
             rgb, annotations = random_symmetry(rgb, annotations, rng)
+            rgb, annotations = random_similarity(rgb, annotations, rng)
         for transform in self.transforms:
             rgb = transform(rgb, rng)
         return rgb, annotations

@@ -21,8 +21,8 @@ from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
 from shaftpose.settings.parts import LensSettings, Range, RenderSettings, SceneSettings
 
 _MOST_REDRAWS = 100
-# As estimated in laparoscopic images, where a coated shaft mostly ends with its coating: the share of
-# coated shafts with a bare steel end, and, in diameters of the shaft, the longest such end, the
+# As estimated in laparoscopic images, where a coated shaft mostly ends with its coating: the share
+# of coated shafts with a bare steel end, and, in diameters of the shaft, the longest such end, the
 # jaws' widths and their lengths.
 _BARE_TIPS, _LONGEST_BARE = 0.2, 1.0
 _JAW_WIDTHS, _JAW_LENGTHS = (0.4, 1.0), (0.8, 4.0)

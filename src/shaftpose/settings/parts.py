@@ -388,7 +388,8 @@ class Variant:
     training starts from, None for random ones; pose_loss: whether L_pose counts, if not the network
     becomes a detector to start from; noise: half-width of the uniform noise on half of the training
     images, grey levels; real_share: share of real images in training; symmetries: whether training
-    images are mirrored and rotated; see `dataset.symmetries`.
+    images are mirrored and rotated, real ones also scaled; see `dataset.symmetries` and
+    `dataset.similarities`.
     """
 
     name: str

@@ -1,0 +1,73 @@
+"""Scaled, rotated and shifted images of instruments whose poses are unknown.
+
+A rendered image's poses would not survive a change of scale. Few real images are at hand, and a
+network would learn them by heart.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import mask_box
+from shaftpose.core.images import Image
+from shaftpose.core.instruments import Annotations
+
+_ZOOMS = 0.8, 1.6
+_SHIFT = 0.25  # largest, relative to the side, of the point that comes to the middle
+_LEAST_PX = 100  # of an instrument that stay in view
+_TRIES = 10
+
+
+def random_similarity(
+    rgb: Image, known: Annotations, rng: np.random.Generator
+) -> tuple[Image, Annotations]:
+    """Scale, rotate and shift a square image (S, S, 3); what comes into view is black background.
+
+    All tips and a part of every instrument stay in view. The image is returned unchanged if ten
+    draws fail to do so, if poses are known, or if `known` does not say which pixels belong to each
+    instrument.
+    """
+    if known.poses is not None or known.instances is None:
+        return rgb, known
+    for _ in range(_TRIES):
+        matrix = _drawn(rgb.shape[0], rng)
+        changed = _annotations(known, matrix)
+        if changed is not None:
+            side = rgb.shape[:2]
+            return np.asarray(cv2.warpAffine(rgb, _of_indices(matrix), side), np.uint8), changed
+    return rgb, known
+
+
+def _drawn(side: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """A similarity (2, 3) of points in px."""
+    zoom = np.exp(rng.uniform(*np.log(_ZOOMS)))
+    turn = rng.uniform(0, 2 * np.pi)
+    linear = zoom * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    middle = side * (0.5 + rng.uniform(-_SHIFT, _SHIFT, 2))
+    return np.column_stack([linear, side / 2 - linear @ middle])
+
+
+def _of_indices(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same map of pixel indices: pixel 0 has its centre at 0.5 px."""
+    linear, shift = matrix[:, :2], matrix[:, 2]
+    return np.column_stack([linear, shift + linear @ [0.5, 0.5] - 0.5])
+
+
+def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations | None:
+    """The annotations of the changed image; None if it lacks a tip or an instrument."""
+    assert known.instances is not None
+    side = known.instances.shape[0]
+    instances = np.asarray(
+        cv2.warpAffine(known.instances, _of_indices(matrix), (side, side), flags=cv2.INTER_NEAREST),
+        np.uint8,
+    )
+    masks = [instances == number for number in range(1, len(known.boxes) + 1)]
+    if any(np.count_nonzero(mask) < _LEAST_PX for mask in masks):
+        return None
+    tips = known.tips_px
+    if tips is not None:
+        tips = tips @ matrix[:, :2].T + matrix[:, 2]
+        if np.any((tips < 0) | (tips > side)):  # False where a tip is unknown
+            return None
+    boxes = np.array([mask_box(mask) for mask in masks], np.float64).reshape(-1, 4)
+    return Annotations(boxes, None, instances, tips)

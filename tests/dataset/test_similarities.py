@@ -1,0 +1,102 @@
+"""Scaled, rotated and shifted images of instruments without poses."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from shaftpose.core.instruments import UNKNOWN, Annotations
+from shaftpose.dataset.similarities import random_similarity
+
+SIDE = 200
+
+
+def drawn(tip: tuple[float, float] = (100.0, 90.0)) -> tuple[np.ndarray, Annotations]:
+    """A white bar from the left border to a tip, and its annotations."""
+    rgb = np.zeros((SIDE, SIDE, 3), dtype=np.uint8)
+    rgb[80:100, : int(tip[0])] = 255
+    instances = (rgb[..., 0] > 0).astype(np.uint8)
+    boxes = np.array([[0.0, 80.0, tip[0], 100.0]])
+    return rgb, Annotations(boxes, None, instances, np.array([tip]))
+
+
+def test_pixels_boxes_and_tips_move_together() -> None:
+    rgb, known = drawn()
+    turns = set()
+    for seed in range(40):
+        image, changed = random_similarity(rgb, known, np.random.default_rng(seed))
+        assert changed.instances is not None and changed.tips_px is not None
+        differences = np.abs(image[..., 0] / 255 - changed.instances)
+        assert np.count_nonzero(differences > 0.6) <= 4  # interpolated pixels of corners
+        rows, columns = np.nonzero(changed.instances)
+        ends = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+        np.testing.assert_array_equal(changed.boxes, [ends])
+        # The tip is the middle of the bar's end: half the bar's width away from its two corners,
+        # and the bar ends there.
+        points = np.column_stack([columns, rows]) + 0.5
+        (_, (width, height), _) = cv2.minAreaRect(points.astype(np.float32))
+        distances = np.linalg.norm(points - changed.tips_px, axis=1)
+        assert distances.min() < 1.5
+        assert min(width, height) == pytest.approx(20 * zoom(known, changed), abs=2.5)
+        turns.add(round(float(np.degrees(np.arctan2(*(changed.tips_px[0] - SIDE / 2)))) / 30))
+        assert np.all((changed.tips_px >= 0) & (changed.tips_px <= SIDE))
+    assert len(turns) > 6
+
+
+def zoom(known: Annotations, changed: Annotations) -> float:
+    """The scale of the change: the bar is 20 px wide, cut bars keep their width."""
+    assert known.instances is not None and changed.instances is not None
+    # The widest inscribed circle of a bar has its width as diameter.
+    widths = [
+        cv2.distanceTransform(np.pad(part.instances, 1), cv2.DIST_L2, 5).max()
+        for part in (known, changed)
+        if part.instances is not None
+    ]
+    return float(widths[1] / widths[0])
+
+
+def test_scales_and_places_vary() -> None:
+    rgb, known = drawn()
+    scales = [
+        zoom(known, random_similarity(rgb, known, np.random.default_rng(seed))[1])
+        for seed in range(60)
+    ]
+    assert min(scales) < 0.95 and max(scales) > 1.4
+    assert min(scales) > 0.75 and max(scales) < 1.7
+
+
+def test_unknown_pixels_and_unknown_tips_stay_unknown() -> None:
+    rgb, known = drawn()
+    assert known.instances is not None
+    instances = known.instances.copy()
+    instances[:, 150:] = UNKNOWN
+    hidden = replace(known, instances=instances, tips_px=np.full((1, 2), np.nan))
+    _, changed = random_similarity(rgb, hidden, np.random.default_rng(3))
+    assert changed.instances is not None and changed.tips_px is not None
+    assert set(np.unique(changed.instances)) <= {0, 1, UNKNOWN}
+    assert np.isnan(changed.tips_px).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param({"poses": np.ones((1, 5))}, id="poses are known"),
+        pytest.param({"instances": None}, id="no map of instruments"),
+        pytest.param({"instances": np.full((SIDE, SIDE), UNKNOWN, np.uint8)}, id="no mask"),
+        pytest.param({"tips_px": np.array([[9e3, 9e3]])}, id="a tip out of view"),
+    ],
+)
+def test_what_cannot_be_changed_stays(change: dict[str, np.ndarray | None]) -> None:
+    rgb, known = drawn()
+    before = replace(known, **change)
+    image, after = random_similarity(rgb, before, np.random.default_rng(0))
+    assert image is rgb and after is before
+
+
+def test_an_image_without_a_shaft_is_changed_too() -> None:
+    rgb = np.random.default_rng(0).integers(0, 255, (SIDE, SIDE, 3), dtype=np.uint8)
+    empty = Annotations(np.zeros((0, 4)), None, np.zeros((SIDE, SIDE), np.uint8), None)
+    image, changed = random_similarity(rgb, empty, np.random.default_rng(0))
+    assert not np.array_equal(image, rgb)
+    assert changed.boxes.shape == (0, 4)
