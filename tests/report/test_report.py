@@ -2,11 +2,14 @@
 
 import json
 import re
+import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from playwright.sync_api import Browser, sync_playwright
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
@@ -203,3 +206,38 @@ def test_paper_tables_hold_the_papers_numbers():
     assert paper_numbers.TABLE_II["d_noise"]["real/occluded"].iou == 0.195
     assert paper_numbers.TABLE_II["d_noise_real"]["rendered/clear"].detected_rate == 0.950
     assert "rendered/clear" not in paper_numbers.TABLE_II["d_noise"]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
+    path = next(found, None)
+    if path is None:
+        pytest.skip("needs the browser Chromium: sudo apt-get install -y chromium")
+    with sync_playwright() as playwright:
+        # The sandbox needs a user who is not root.
+        chromium = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_a_browser_shows_the_page_whole(
+    report: AblationReport, browser: Browser, width: int, tmp_path: Path
+) -> None:
+    file = tmp_path / "ablation.html"
+    file.write_text(to_html(report))
+    page = browser.new_page(viewport={"width": width, "height": 800})
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(file.as_uri())
+    assert not complaints
+    assert [url for url in requests if not url.startswith("data:")] == [file.as_uri()]
+    widths = page.eval_on_selector_all("img", "images => images.map(i => i.naturalWidth)")
+    assert len(widths) == len(report.figures) and min(widths) > 0
+    # Wide tables scroll on their own; the page does not.
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.close()
