@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.cli import main
+from shaftpose.commands import real
 from shaftpose.commands.real import FRAMES, SOURCES, Source, fetch
 from shaftpose.core.images import read_rgb, write_jpeg
 from shaftpose.dataset.coco import check_masks, load_square, read_coco
@@ -58,6 +60,18 @@ def test_annotations_and_images_are_joined(sources: dict[str, Source], tmp_path:
     assert np.isfinite(axes).all()
     for source in sources.values():
         assert source.commit in (out / "SOURCES.txt").read_text()
+
+
+def test_the_command_says_how_to_use_the_images(
+    sources: dict[str, Source],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(real, "SOURCES", sources)
+    main(["real", "fetch", str(tmp_path)])
+    assert f"real.source: {tmp_path}\n" in capsys.readouterr().out
+    assert len(read_coco(tmp_path / "train.json")) == 53
 
 
 def test_backgrounds_are_squares_of_no_operation_of_the_tests(

@@ -1,12 +1,10 @@
 """Rendering of the stand-in for real endoscopic images: boxes, masks in tests, no poses."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
-from shaftpose.core.geometry import projected_axes
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.dataset.coco import write_coco
+from shaftpose.dataset.stand_in import read_samples
 from shaftpose.farm.cluster import connect
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_set
@@ -35,19 +33,3 @@ def write_stand_in(
     write_coco(out / "train.json", samples["train"], with_masks=False, description=about)
     test = samples["clear"] + samples["occluded"]
     write_coco(out / "test.json", test, with_masks=True, description=about)
-
-
-def read_samples(folder: Path, name: str) -> Iterator[tuple[str, RealSample]]:
-    """File name and image with boxes and masks, without poses, for all images of a set."""
-    shards = ShardedDataset(folder)
-    for key in shards.keys:
-        known = shards.annotations(key)
-        assert known.poses is not None
-        sample = RealSample(
-            rgb=shards.rgb(key),
-            boxes=known.boxes,
-            masks=tuple(shards.masks(key)),
-            axes=projected_axes(known.poses, shards.camera(key)),
-            occluded=bool(shards.facts(key)["occluders"]),
-        )
-        yield f"images/{name}-{key}.jpg", sample
