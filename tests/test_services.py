@@ -3,13 +3,9 @@
 import json
 import os
 import shutil
-import socket
 import subprocess
 import sys
-import time
 import urllib.request
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -19,57 +15,10 @@ from shaftpose import tracking
 from shaftpose.core.images import centre_square, read_rgb
 from shaftpose.deployment.bundled import DEFAULT, bundled_model
 from shaftpose.deployment.predictor import Predictor
+from tests.servers import BIN, free_port, server
 
-FRAME = Path(tracking.__file__).parent / "inference" / "demo_frame.jpg"
-BIN = Path(sys.executable).parent
-# What several machines do with one server: track a training, register its model, load it.
-TEAM = """
-import sys
-import mlflow
-import numpy as np
-from pathlib import Path
-from shaftpose import tracking
-
-uri, model = sys.argv[1], Path(sys.argv[2])
-tracking.connect(uri, "trials")
-with tracking.training_run("id-1", "d", {"alpha": 1.5}, {"data/render": "aa"}, Path.cwd()):
-    mlflow.log_metric("training/loss", 3.0)
-tracking.log_results("id-1", "d", {"mAP": 0.5}, {})
-tracking.log_model("id-1", "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
-tracking.register_champion("id-1", "d", "the rule")
-(run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
-assert run.data.metrics["mAP"] == 0.5 and run.data.params["alpha"] == "1.5"
-with tracking.registered_model("shaftpose@champion") as path:
-    assert path.stat().st_size > 0
-print("stored in", mlflow.get_tracking_uri())
-"""
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextmanager
-def server(command: list[str], log: Path, ready: Callable[[], bool]) -> Iterator[None]:
-    """A server that is ready when the block begins, and ends with it."""
-    with log.open("w") as output:
-        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-    try:
-        until = time.monotonic() + 120
-        while not ready():
-            assert process.poll() is None and time.monotonic() < until, log.read_text()
-            time.sleep(0.2)
-        yield
-    finally:
-        process.terminate()
-        process.wait()
-
-
-def listens(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
+ROOT = Path(__file__).parents[1]
+FRAME = ROOT / "src/shaftpose/inference/demo_frame.jpg"
 
 
 def test_mlflows_server_answers_as_the_model_does(
@@ -86,7 +35,7 @@ def test_mlflows_server_answers_as_the_model_does(
         str(BIN / "mlflow"), "models", "serve", "-m", "models:/shaftpose@champion",
         "--env-manager", "local", "-h", "127.0.0.1", "-p", str(port),
     ]  # fmt: skip
-    with server(command, store / "server.log", lambda: listens(port)):
+    with server(command, port, store / "server.log"):
         request = urllib.request.Request(
             f"http://127.0.0.1:{port}/invocations",
             json.dumps({"inputs": {"image": image.tolist()}}).encode(),
@@ -101,19 +50,11 @@ def test_mlflows_server_answers_as_the_model_does(
         np.testing.assert_allclose(np.array(answer[name])[0, : len(expected)], expected, atol=1e-4)
 
 
-def test_a_team_tracks_in_postgresql(store: Path, constant_model: Path) -> None:
+def test_a_team_tracks_in_postgresql(tmp_path: Path, constant_model: Path) -> None:
     if shutil.which("pg_virtualenv") is None:
         pytest.skip("needs PostgreSQL: sudo apt-get install -y postgresql")
-    script = store / "team.py"
-    script.write_text(TEAM)
-    # `pg_virtualenv` runs a command beside a server of its own, whose address it exports.
-    uri = "postgresql+psycopg2://$PGUSER:$PGPASSWORD@127.0.0.1:$PGPORT/postgres"
-    program = f'"{sys.executable}" "{script}" "{uri}" "{constant_model}"'
-    done = subprocess.run(
-        ["pg_virtualenv", "-t", "sh", "-c", program], cwd=store, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert "stored in postgresql" in done.stdout
+    command = [sys.executable, "-m", "tests.team", str(constant_model), str(tmp_path)]
+    run(ROOT, "pg_virtualenv", "-t", *command)
 
 
 def test_renders_and_models_are_shared_by_ssh(tmp_path: Path) -> None:
@@ -132,7 +73,7 @@ def test_renders_and_models_are_shared_by_ssh(tmp_path: Path) -> None:
     if os.geteuid() == 0:
         Path("/run/sshd").mkdir(exist_ok=True)  # which sshd demands of root
     shared, command = tmp_path / "shared", [sshd, "-D", "-e", "-f", str(keys / "config")]
-    with server(command, tmp_path / "sshd.log", lambda: listens(port)):
+    with server(command, port, tmp_path / "sshd.log"):
         first = tmp_path / "first"
         first.mkdir()
         run(first, "git", "init", "-q")
