@@ -60,6 +60,14 @@ def test_damaged_metadata_are_named(constant_model: Path) -> None:
 FLAT_ROD = ModelFacts(0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat")
 
 
+def test_poses_are_fitted_to_finer_images_where_there_are_any(masked_model: Path) -> None:
+    images = np.zeros((2, 299, 299, 3), dtype=np.uint8)
+    fine = np.repeat((200 * soft_mask(POSES[0], times=2)).astype(np.uint8)[..., None], 3, axis=2)
+    coarse, fitted = Predictor(masked_model)(images, [None, fine])
+    assert np.all(fitted.deviations[0] < coarse.deviations[0])
+    assert np.all(np.abs(fitted.poses[0] - POSES[0]) < [0.03, 0.03, 0.2, 0.5, 0.2])
+
+
 @pytest.fixture
 def masked_model(tmp_path: Path) -> Path:
     """A model that finds the first of `POSES`, not quite, and its true mask."""

@@ -29,9 +29,10 @@ def photograph(camera: Calibration, k1: float) -> Image:
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def expected() -> NDArray[np.float64]:
-    """The scene in the model's camera."""
-    steps = (np.arange(299) + 0.5 - 149.5) / MODEL.focal_px
+def expected(times: int = 1) -> NDArray[np.float64]:
+    """The scene in the model's camera, with `times` as many pixels a side."""
+    side_px = 299 * times
+    steps = (np.arange(side_px) + 0.5 - side_px / 2) / (times * MODEL.focal_px)
     return pattern(*np.meshgrid(steps, steps))
 
 
@@ -94,3 +95,24 @@ def test_the_central_square_leads_back() -> None:
     frame = np.zeros((600, 1000, 3), dtype=np.uint8)
     frame[:, 200:800] = 50
     assert (view.square(frame) == 50).all()
+
+
+def test_a_known_cameras_further_pixels_are_used() -> None:
+    matrix = np.array([[300, 0, 430], [0, 310, 380], [0, 0, 1.0]])
+    camera = Calibration(840, 800, matrix, np.array([0.05, 0, 0, 0]))
+    found = Resampled(camera, MODEL).fine_square(photograph(camera, 0.05))
+    assert found is not None and found.shape == (598, 598, 3)  # 300 px are 2.2 focal lengths
+    assert np.abs(found - expected(2)[..., None])[4:-4, 4:-4].max() < 2.5
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "side_px"), [(1920, 1080, 897), (700, 600, 598), (800, 590, None)]
+)
+def test_a_square_has_up_to_three_times_the_models_pixels(
+    width: int, height: int, side_px: int | None
+) -> None:
+    frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    fine = CentreSquare(width, height, 299).fine_square(frame)
+    assert (None if fine is None else fine.shape) == (side_px and (side_px, side_px, 3))
+    calibration = Calibration.pinhole(299, 299, 95.0)
+    assert Resampled(calibration, MODEL).fine_square(frame[:299, :299]) is None

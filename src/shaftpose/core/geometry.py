@@ -5,7 +5,7 @@ Shaft frame: origin at the centre of the distal tip, +z from the tip towards the
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -40,6 +40,18 @@ class Camera:
         """A centred pinhole camera with the horizontal field of view `view_deg` (paper, II)."""
         focal_px = width / (2 * np.tan(np.radians(view_deg) / 2))
         return cls(width, height, float(focal_px), width / 2, height / 2)
+
+    def enlarged(self, times: int) -> "Camera":
+        """The camera of the same view with `times` as many pixels a side."""
+        return replace(
+            self,
+            width=times * self.width,
+            height=times * self.height,
+            focal_px=times * self.focal_px,
+            cx=times * self.cx,
+            cy=times * self.cy,
+            field_px=None if self.field_px is None else times * self.field_px,
+        )
 
     @property
     def matrix(self) -> Array:

@@ -71,17 +71,28 @@ class Predictor:
         return self.facts.confidence
 
     @property
+    def fits_edges(self) -> bool:
+        """Whether poses are fitted to the edges of images."""
+        return self.refiner is not None and self.refiner.edges
+
+    @property
     def camera(self) -> Camera:
         """The camera that the model was trained for."""
         return Camera.from_field_of_view(self.side_px, self.side_px, self.facts.view_deg)
 
-    def __call__(self, images: NDArray[np.uint8]) -> list[Detections]:
-        """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first."""
+    def __call__(
+        self, images: NDArray[np.uint8], fine: Sequence[NDArray[np.uint8] | None] | None = None
+    ) -> list[Detections]:
+        """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first.
+
+        fine: the same images in more pixels, (k 299, k 299, 3), for the fit, where there are any.
+        """
         boxes, scores, poses, *masks = self._session.run(None, {"image": images})
         found = unpadded(boxes, scores, poses)
         if self.refiner is None:
             return found
-        return [self.refiner(*each) for each in zip(images, *masks, found, strict=True)]
+        finer = fine or [None] * len(images)
+        return [self.refiner(*each) for each in zip(images, *masks, found, finer, strict=True)]
 
     def _made(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm

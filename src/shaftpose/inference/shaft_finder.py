@@ -48,7 +48,9 @@ class ShaftFinder:
                 f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
             )
         view = self._views(width, height)
-        found = self._predictor(view.square(rgb)[None])[0].above(self._score)
+        fine = view.fine_square(rgb) if self._predictor.fits_edges else None
+        (every,) = self._predictor(view.square(rgb)[None], [fine])
+        found = every.above(self._score)
         shafts = [
             self._in_frame(float(score), box_px(box, view, width, height), pose, view)
             for score, box, pose in zip(found.scores, found.boxes, found.poses, strict=True)

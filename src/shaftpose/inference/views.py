@@ -13,6 +13,8 @@ from shaftpose.inference.calibration import Calibration
 Array = NDArray[np.float64]
 
 _SAMPLES = 2  # per pixel and side, of a frame with more pixels than the model's image
+# The fine square has at most this many times the pixels a side: more take longer than they gain.
+_FINEST = 3
 
 
 class View(Protocol):
@@ -20,6 +22,10 @@ class View(Protocol):
 
     def square(self, rgb: Image) -> Image:
         """The model's image (S, S, 3) of a frame (H, W, 3)."""
+
+    def fine_square(self, rgb: Image) -> Image | None:
+        """The same view (k S, k S, 3) with more pixels; None if the frame does not have twice as
+        many a side."""
 
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame for pixels (N, 2) of the model's image."""
@@ -38,6 +44,11 @@ class CentreSquare:
         """The central square of a frame (H, W, 3), scaled."""
         return centre_square(rgb, self._side_px)
 
+    def fine_square(self, rgb: Image) -> Image | None:
+        """The central square with more pixels, if the frame has them."""
+        times = min(int(self._scale), _FINEST)
+        return centre_square(rgb, times * self._side_px) if times > 1 else None
+
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame for pixels (N, 2) of the square."""
         return np.asarray(points * self._scale + self._corner)
@@ -52,29 +63,48 @@ class Resampled:
 
     def __init__(self, calibration: Calibration, model: Camera) -> None:
         self._calibration, self._model = calibration, model
-        ratio = calibration.matrix[0, 0] / model.focal_px
-        samples = _SAMPLES if ratio > 1 else 1
-        x, y, inside = _places(calibration, model, samples)
-        # Averaged to the density of the samples first, and these to pixels after: no aliasing.
-        shrink = max(ratio / samples, 1.0)
-        self._size = _shrunk(calibration.width, shrink), _shrunk(calibration.height, shrink)
-        x = (x + 0.5) * (self._size[0] / calibration.width) - 0.5
-        y = (y + 0.5) * (self._size[1] / calibration.height) - 0.5
-        self._places = cv2.convertMaps(x, y, cv2.CV_16SC2)
-        self._outside, self.covered = ~inside, float(inside.mean())
+        self._square = _Resampling(calibration, model)
+        times = min(int(calibration.matrix[0, 0] / model.focal_px), _FINEST)
+        finer = model.enlarged(times) if times > 1 else None
+        self._fine = None if finer is None else _Resampling(calibration, finer)
+        self.covered = self._square.covered
 
     def square(self, rgb: Image) -> Image:
         """The model's image (S, S, 3) of a frame (H, W, 3)."""
-        small = cv2.resize(rgb, self._size, interpolation=cv2.INTER_AREA)
-        dense = cv2.remap(small, *self._places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        dense[self._outside] = 0
-        size = self._model.width, self._model.height
-        return np.asarray(cv2.resize(dense, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return self._square(rgb)
+
+    def fine_square(self, rgb: Image) -> Image | None:
+        """The model's image with more pixels, if the frame has them."""
+        return None if self._fine is None else self._fine(rgb)
 
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame, with its distortion, for pixels (N, 2) of the square."""
         centre = np.array([self._model.cx, self._model.cy])
         return self._calibration.image_px((points - centre) / self._model.focal_px)
+
+
+class _Resampling:
+    """Frames of one camera as another one would have seen them."""
+
+    def __init__(self, calibration: Calibration, target: Camera) -> None:
+        ratio = calibration.matrix[0, 0] / target.focal_px
+        samples = _SAMPLES if ratio > 1 else 1
+        x, y, inside = _places(calibration, target, samples)
+        # Averaged to the density of the samples first, and these to pixels after: no aliasing.
+        shrink = max(ratio / samples, 1.0)
+        self._frame = _shrunk(calibration.width, shrink), _shrunk(calibration.height, shrink)
+        x = (x + 0.5) * (self._frame[0] / calibration.width) - 0.5
+        y = (y + 0.5) * (self._frame[1] / calibration.height) - 0.5
+        self._places = cv2.convertMaps(x, y, cv2.CV_16SC2)
+        self._outside, self.covered = ~inside, float(inside.mean())
+        self._size = target.width, target.height
+
+    def __call__(self, rgb: Image) -> Image:
+        """The target camera's image of a frame (H, W, 3)."""
+        small = cv2.resize(rgb, self._frame, interpolation=cv2.INTER_AREA)
+        dense = cv2.remap(small, *self._places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        dense[self._outside] = 0
+        return np.asarray(cv2.resize(dense, self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _shrunk(length: int, by: float) -> int:

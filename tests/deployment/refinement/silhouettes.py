@@ -27,8 +27,8 @@ def fine_mask(pose: NDArray[np.float64], finer: int = FINER) -> NDArray[np.bool_
     return np.isfinite(cylinder_depth(camera, pose_there, SHAFT.diameter_mm, SHAFT.length_mm))
 
 
-def soft_mask(pose: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(299, 299), the covered share of each pixel."""
-    fine = fine_mask(pose).astype(np.float32)
-    shares = cv2.resize(fine, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_AREA)
+def soft_mask(pose: NDArray[np.float64], times: int = 1) -> NDArray[np.float32]:
+    """The covered share of each pixel, with `times` 299 pixels a side."""
+    fine, side_px = fine_mask(pose).astype(np.float32), times * SIDE_PX
+    shares = cv2.resize(fine, (side_px, side_px), interpolation=cv2.INTER_AREA)
     return np.asarray(shares, dtype=np.float32)

@@ -71,7 +71,7 @@ def test_covariance_is_that_of_repeated_fits() -> None:
     scaled = []
     for _ in range(300):
         fit = fitted(true, noise, [Stage(1.0)], LOOSE)
-        scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance(CAMERA))))
+        scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance())))
     # Real edges err twice as much as this noise: the covariance allows for it.
     assert np.allclose(np.std(scaled, axis=0), 0.5, atol=0.06)
     assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.1)
@@ -108,3 +108,11 @@ def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:
 
     pose = fitted(start, far, [Stage(1.0)], np.array([1e-3, 1e-3, 1e-3, 1e3, 1e-3])).pose
     assert pose[3:] == pytest.approx([8.0, 170.0], abs=0.1)  # -8 deg at 350, by the longest step
+
+
+def test_pixels_of_another_size_change_no_covariance() -> None:
+    random = np.random.default_rng(0).normal(size=(5, 5))
+    fit = Fit(POSES[0], random @ random.T + np.eye(5), CAMERA)
+    finer = CAMERA.enlarged(3)
+    same = Fit(POSES[0], fit.information_in(finer), finer)
+    np.testing.assert_allclose(same.covariance(), fit.covariance(), rtol=1e-9)

@@ -39,6 +39,25 @@ def test_edges_of_the_image_correct_a_wrong_mask() -> None:
     assert depth_errors["edges"] < 0.3 < depth_errors["mask"]
 
 
+def test_edges_of_a_finer_image_correct_a_wrong_mask() -> None:
+    true = POSES[0]
+    wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
+    plain, fine = grey(np.zeros_like(wider)), grey(soft_mask(true, times=2))
+    refiner, start = Refiner(SHAFT, CAMERA, "edges"), detections(true + OFF)
+    coarse, finer = (refiner(plain, wider, start, image) for image in (None, fine))
+    assert abs(finer.poses[0, 2] - true[2]) < 0.2 < abs(coarse.poses[0, 2] - true[2])
+    assert np.all(np.abs(finer.poses[0] - true) < NEAR)
+    assert np.all(finer.deviations < coarse.deviations)
+
+
+def test_a_fit_to_the_mask_ignores_a_finer_image() -> None:
+    mask = soft_mask(POSES[0])
+    refiner, start = Refiner(SHAFT, CAMERA, "mask"), detections(POSES[0] + OFF)
+    fine = grey(soft_mask(POSES[1], times=2))
+    found, expected = refiner(grey(mask), mask, start, fine), refiner(grey(mask), mask, start)
+    np.testing.assert_array_equal(found.poses, expected.poses)
+
+
 def test_two_shafts_are_fitted_apart() -> None:
     poses = POSES[0], np.array([-8.0, 5.0, 22.0, 65.0, 130.0])
     mask = np.maximum(*(soft_mask(pose) for pose in poses))

@@ -11,7 +11,8 @@ from shaftpose.deployment.refinement.contour import Array, Contour
 _STEP_PX = 0.5  # between the samples of a profile
 _GRADIENT_NOISE = 15.0  # grey levels per px; weaker edges count less
 _FARTHEST = 3.0  # edges of an image count up to this many times their reach
-# Strongest gradients lie this far inside the outlines of rendered steel (docs/beyond.md).
+# Strongest gradients lie this far inside the outlines of rendered steel, in pixels of an image as
+# large as the network's (docs/beyond.md).
 INSIDE_PX = 0.05
 
 
@@ -43,10 +44,15 @@ def image_gradients(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.stack([cv2.Scharr(smooth, cv2.CV_32F, *by) / 32 for by in ((1, 0), (0, 1))])
 
 
-def image_offsets(gradients: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+def image_offsets(
+    gradients: NDArray[np.float32],
+    contour: Contour,
+    reach_px: float,
+    inside_px: float = INSIDE_PX,
+) -> Offsets:
     """Edges of an image with gradients (2, H, W, 3): along each normal the local maximum that is
-    strongest if weighted by its nearness. Reliable only from a start within a px: metal has strong
-    edges of its own."""
+    strongest if weighted by its nearness, moved outwards by `inside_px`. Reliable only from a start
+    within a px: metal has strong edges of its own."""
     steps = _steps(_FARTHEST * reach_px)
     (by_x, inside), (by_y, _) = (_profiles(part, contour, steps) for part in gradients)
     normals = contour.normals[:, None, None]
@@ -61,7 +67,7 @@ def image_offsets(gradients: NDArray[np.float32], contour: Contour, reach_px: fl
     bend = np.minimum(low - 2 * peak + high, -1e-6)
     offsets = steps[1:-1][best] + _STEP_PX * 0.5 * (low - high) / bend
     robust = 1 / (1 + (offsets / (0.7 * reach_px + 0.15)) ** 2)
-    return Offsets(offsets + INSIDE_PX, found * peak / (peak + _GRADIENT_NOISE) * robust)
+    return Offsets(offsets + inside_px, found * peak / (peak + _GRADIENT_NOISE) * robust)
 
 
 def _steps(reach_px: float) -> Array:

@@ -17,7 +17,7 @@ _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
 # Neighbours share their errors, so it is larger than that of a single sample.
 EDGE_PX = 1.0
 # Errors on predicted masks are this times those that the edges promise (docs/beyond.md).
-_UNDERSTATED = 2.0
+UNDERSTATED = 2.0
 _LEAST_PX = 10.0  # of clear and near edges
 
 Search = Callable[[Contour, float], Offsets]
@@ -34,15 +34,22 @@ class Stage(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted pose (5,) mm, deg, and the information (5, 5) about its parameters."""
+    """A fitted pose (5,) mm, deg, and the information (5, 5) about its parameters, of which the
+    first two are in pixels of the camera."""
 
     pose: Array
     information: Array
+    camera: Camera
 
-    def covariance(self, camera: Camera) -> Array:
+    def covariance(self) -> Array:
         """The covariance (5, 5) of the pose."""
-        spread = _spread(self.pose, camera)
+        spread = _spread(self.pose, self.camera)
         return spread @ np.linalg.inv(self.information) @ spread.T
+
+    def information_in(self, camera: Camera) -> Array:
+        """The information about the parameters in pixels of another camera with the same view."""
+        scale = np.diag([self.camera.focal_px / camera.focal_px] * 2 + [1.0] * 3)
+        return np.asarray(scale @ self.information @ scale)
 
 
 class _Edges(NamedTuple):
@@ -61,13 +68,14 @@ def fit_pose(
     search: Search,
     stages: Sequence[Stage],
     held: Array,
+    understated: float = UNDERSTATED,
 ) -> Fit | None:
     """The pose whose contour lies on the edges that `search` finds in each stage in turn; None if
     the last stage finds too few.
 
     Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
     and how near; `held` (5, 5), the information about the start's parameters, holds what edges
-    leave open.
+    leave open. The errors are taken to be `understated` times those that the edges promise.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
         return None
@@ -84,7 +92,7 @@ def fit_pose(
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
         return None
-    return Fit(pose, information / _UNDERSTATED**2)
+    return Fit(pose, information / understated**2, camera)
 
 
 def _edges(
