@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-render bench-train ui figures film architecture learning results clean
+.PHONY: help env repro report test lint format bench bench-render bench-train ui figures large-frames film architecture learning results clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -90,6 +90,9 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	install -m 644 reports/e/silhouettes.jpg docs/images/silhouettes.jpg
 	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png
 	install -m 644 reports/figures/binned_errors.png docs/images/binned_errors.png
+
+large-frames: $(READY)  ## render large frames on data/backgrounds, and show in docs what they give the fit
+	python -m studies.large_frames
 
 film: $(READY)  ## render moving shafts on data/backgrounds, track them, and show it in docs and `demo`
 	rm -rf data/film

@@ -1,0 +1,117 @@
+"""What the pixels of larger frames give the fit: `make large-frames`.
+
+`python -m studies.large_frames --frames 60` renders frames with three times the network's pixels a
+side, on enlarged backgrounds of the test sets in data/backgrounds, finds the shafts with the
+package's model, and writes the table of docs/beyond.md.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.images import centre_square, read_rgb, write_jpeg
+from shaftpose.core.instruments import POSE_DIMENSIONS, Detections
+from shaftpose.core.markdown import pipe_table
+from shaftpose.core.shards import Sample
+from shaftpose.deployment.bundled import bundled_model
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import exit_on_input_error
+from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.parts import CameraSettings, RenderSettings
+from shaftpose.settings.tree import Settings
+from studies.film_results import HEADINGS, Errors, film_errors
+from studies.page_tables import rewrite, with_tables
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs/beyond.md"
+TIMES = 3
+# Name of a run -> whether it sees the frame's own pixels.
+RUNS = {"299 px": False, f"{TIMES * CameraSettings.size_px} px": True}
+
+
+@dataclass(frozen=True)
+class LargeCamera(CameraSettings):
+    """The camera of the settings with more pixels."""
+
+    size_px: ClassVar[int] = TIMES * CameraSettings.size_px
+
+
+def main() -> None:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--frames", type=int, default=60, help="number of frames (60)")
+    frames = parser.parse_args().frames
+    with exit_on_input_error():
+        tables = {"large_frames": table(composed_settings(ROOT), frames)}
+        rewrite(PAGE, lambda page: with_tables(page, tables, "make large-frames", PAGE.name))
+
+
+def table(settings: Settings, frames: int) -> str:
+    """Median and mean errors of the shafts that all runs found, by the pixels that the fit saw."""
+    predictor, true = Predictor(bundled_model()), []
+    found: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in RUNS}
+    for sample in tqdm(rendered(settings, frames), "rendering", frames, unit="frame"):
+        true.append([asdict(one.pose) for one in sample.instruments])
+        square = centre_square(sample.rgb, predictor.side_px)[None]
+        for name, fine in RUNS.items():
+            (every,) = predictor(square, [sample.rgb] if fine else None)
+            found[name].append(poses(every.above(predictor.confidence)))
+    errors = {name: film_errors(true, those) for name, those in found.items()}
+    return error_table(errors, sum(map(len, true)))
+
+
+def error_table(errors: Mapping[str, Errors], shafts: int) -> str:
+    """Errors of each run on the shafts that all of them found."""
+    common = set.intersection(*(set(one) for one in errors.values()))
+    rows = []
+    for name, found in errors.items():
+        values = np.abs([found[key] for key in sorted(common)])
+        of_all = {"median": np.median(values, axis=0), "mean": np.mean(values, axis=0)}
+        for measure, row in of_all.items():
+            texts = [f"{value:.2f}" for value in row]
+            rows.append([name, f"{len(common)} of {shafts}", measure, *texts])
+    return pipe_table(["Image of the fit", "Shafts", "Error", *HEADINGS], rows)
+
+
+def rendered(settings: Settings, frames: int) -> Iterator[Sample]:
+    """Images of the clear test set's kind, with more pixels."""
+    plan = planned_sets(
+        settings.rendering, settings.size, settings.backgrounds.held_out, settings.seed
+    )["clear"]
+    with TemporaryDirectory() as folder:
+        backgrounds = {}
+        for path, source in plan.backgrounds.items():
+            enlarged = Path(folder) / path.name
+            side_px = LargeCamera.size_px
+            rgb = cv2.resize(read_rgb(path), (side_px, side_px), interpolation=cv2.INTER_CUBIC)
+            write_jpeg(np.asarray(rgb, np.uint8), enlarged)
+            backgrounds[enlarged] = source
+        generator = Generator(large(plan.settings), backgrounds, plan.seed)
+        for index in range(frames):
+            yield generator.sample(index)
+
+
+def large(settings: RenderSettings) -> RenderSettings:
+    """The settings for the larger camera."""
+    scene = replace(settings.scene, min_visible_px=TIMES**2 * settings.scene.min_visible_px)
+    return replace(settings, camera=LargeCamera(settings.camera.view_deg), scene=scene)
+
+
+def poses(found: Detections) -> list[dict[str, float]]:
+    """The poses of detections by the names of their dimensions."""
+    named = [asdict(ShaftPose.from_array(pose)) for pose in found.poses]
+    return [{name: one[name] for name in POSE_DIMENSIONS} for one in named]
+
+
+if __name__ == "__main__":
+    main()
