@@ -27,8 +27,8 @@ FOLDERS = {
     "training": ("dataset", "network", "evaluation"),
     "deployment": ("dataset", "network", "evaluation", "figures"),
     "report": ("evaluation", "figures"),
-    "inference": ("deployment",),
-    "commands": ("inference", "deployment", "dataset", "tracking"),
+    "inference": ("deployment", "tracking"),
+    "commands": ("inference", "deployment", "dataset"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.

@@ -1,0 +1,75 @@
+"""A model made ready for a user's frames."""
+
+import logging
+from pathlib import Path
+
+from shaftpose.core.refinement import Refinement
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.inference.frame_cameras import (
+    Views,
+    Warn,
+    calibrated,
+    known_camera,
+    stated_view,
+    unknown_camera,
+)
+from shaftpose.inference.model_files import model_file
+from shaftpose.inference.shaft_finder import ShaftFinder
+
+log = logging.getLogger(__name__)
+
+
+def load(
+    model: str | None = None,
+    *,
+    camera: Path | str | None = None,
+    view_deg: float | None = None,
+    diameter_mm: float | None = None,
+    score: float | None = None,
+    refine: Refinement = "edges",
+    warn: Warn = log.warning,
+) -> ShaftFinder:
+    """A finder of shafts in frames (H, W, 3) uint8 RGB of any size, with the options of
+    `shaftpose predict`; `warn` is told what is unknown about camera and shafts.
+
+    model: see `model_file`; None: the package's own. camera: OpenCV's calibration file; view_deg:
+    instead, the angle across a frame's central square, without distortion. diameter_mm: of the
+    shafts. score: the least of a detection; None: the model's own threshold. refine: see `Refiner`.
+    Raises InputError naming the file or the option if one cannot be used.
+    """
+    with model_file(model) as path:
+        predictor = Predictor(path, refine)
+    unknown = _unknown(predictor, camera is None and view_deg is None, diameter_mm is None)
+    if unknown:
+        warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")
+    least = predictor.confidence if score is None else score
+    views = _views(predictor, None if camera is None else Path(camera), view_deg, warn)
+    return ShaftFinder(predictor, views, least, diameter_mm, metric=not unknown)
+
+
+def _unknown(predictor: Predictor, any_camera: bool, any_diameter: bool) -> list[str]:
+    """What the user has to state before millimetres are right, as sentences."""
+    facts, unknown = predictor.facts, []
+    if any_camera:
+        unknown.append(
+            f"The model was trained for a camera of {facts.view_deg:g} deg: state yours by "
+            "--camera or --view-deg."
+        )
+    # An instrument from a CAD file has no diameter: the model knows no other instrument.
+    if any_diameter and facts.shaft_diameter_mm is not None:
+        unknown.append(
+            f"It was trained for shafts of {facts.shaft_diameter_mm:g} mm: state yours by "
+            "--diameter-mm."
+        )
+    return unknown
+
+
+def _views(
+    predictor: Predictor, calibration: Path | None, view_deg: float | None, warn: Warn
+) -> Views:
+    """Views of the frames of the user's camera."""
+    if calibration is not None:
+        return known_camera(calibrated(calibration), predictor.camera, warn)
+    if view_deg is not None:
+        return known_camera(stated_view(view_deg), predictor.camera, warn)
+    return unknown_camera(predictor.camera)
