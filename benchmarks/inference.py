@@ -1,0 +1,154 @@
+"""Speed and memory from a decoded frame to poses: `make bench-inference`, on an idle machine.
+
+Frames of 1920 x 1080 px go through the package's models one by one, with each way to refine poses
+in turn, and the times are written to `benchmarks/results/inference.json`. A last run predicts
+many frames, and compares its memory after the first ones with that after all.
+"""
+
+import argparse
+import resource
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import cycle
+from pathlib import Path
+from typing import Any, get_args
+
+import cv2
+import numpy as np
+import onnxruntime
+import psutil
+from tqdm import tqdm
+
+from benchmarks.machine import machine
+from shaftpose.core.images import Image
+from shaftpose.core.refinement import Refinement
+from shaftpose.deployment.bundled import bundled_names
+from shaftpose.inference.loading import load
+from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.inference.video_files import VideoFile
+from shaftpose.json_files import write_json
+
+ROOT = Path(__file__).parents[1]
+OUT = ROOT / "benchmarks/results/inference.json"
+FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
+WIDTH, HEIGHT = 1920, 1080
+ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
+STARTS = 3
+SETTLED = 1000  # frames after which memory should not grow
+PAUSE_S = 0.1  # the threads of a model keep spinning for a while
+# A new process: seconds until the poses of a first frame, imports included, then its peak memory
+# after more frames, in MiB.
+START = """
+import sys, time
+start = time.perf_counter()
+import numpy as np
+from shaftpose.inference.loading import load
+find = load(sys.argv[1], view_deg=95.0, diameter_mm=3.0, refine=sys.argv[2])
+find(np.zeros((1080, 1920, 3), np.uint8))
+seconds = time.perf_counter() - start
+from benchmarks.inference import frames, peak_mib
+images = frames()
+for _ in range(50):
+    find(next(images))
+print(seconds, peak_mib())
+"""
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--frames", type=int, default=20_000, help="of the last run (20,000)")
+    last = parser.parse_args().frames
+    names = [(model, refine) for model in bundled_names() for refine in get_args(Refinement)]
+    seconds = times(names)
+    rows = [row(*name, seconds[name]) for name in names]
+    result = {
+        "machine": machine(),
+        "onnxruntime": onnxruntime.__version__,
+        "frame": {"width": WIDTH, "height": HEIGHT},
+        "frames": ROUNDS * PER_ROUND,
+        "models": rows,
+        "soak": soak(last),
+    }
+    write_json(OUT, result)
+    for one in rows:
+        print(one)
+    print(f"{result['soak']}\nwritten to {OUT.relative_to(ROOT)}")
+
+
+def finder(model: str, refine: Refinement) -> ShaftFinder:
+    """A model for the film's camera and shafts."""
+    return load(model, view_deg=95.0, diameter_mm=3.0, refine=refine)
+
+
+def frames() -> Iterator[Image]:
+    """The package's film, enlarged to the height of the frames and black beside it, for ever."""
+    images = []
+    for frame in VideoFile(FILM).frames():
+        square = cv2.resize(frame.rgb, (HEIGHT, HEIGHT), interpolation=cv2.INTER_CUBIC)
+        left = (WIDTH - HEIGHT) // 2
+        sides = left, WIDTH - HEIGHT - left
+        images.append(np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8))
+    return cycle(images)
+
+
+def times(names: list[tuple[str, Refinement]]) -> dict[tuple[str, Refinement], list[float]]:
+    """Seconds of each frame; each round runs every model with every refinement once."""
+    finders = {name: finder(*name) for name in names}
+    seconds: dict[tuple[str, Refinement], list[float]] = {name: [] for name in names}
+    images = frames()
+    for number in tqdm(range(ROUNDS + 1), "rounds"):
+        batch = [next(images) for _ in range(PER_ROUND)]
+        for name, find in finders.items():
+            time.sleep(PAUSE_S)
+            taken = [_seconds(find, image) for image in batch]
+            seconds[name] += taken if number else []  # the first round warms up
+    return seconds
+
+
+def _seconds(find: ShaftFinder, image: Image) -> float:
+    start = time.perf_counter()
+    find(image)
+    return time.perf_counter() - start
+
+
+def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
+    """The figures of a model with a refinement."""
+    command = [sys.executable, "-c", START, model, refine]
+    starts = [
+        subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT)
+        for _ in range(STARTS)
+    ]
+    cold, peaks = zip(*(map(float, start.stdout.split()) for start in starts), strict=True)
+    return {
+        "model": model,
+        "refine": refine,
+        "fps_median": round(1 / statistics.median(seconds), 1),
+        "ms_p95": round(1000 * float(np.percentile(seconds, 95)), 1),
+        "cold_start_s": round(statistics.median(cold), 2),
+        "rss_mib": round(max(peaks)),
+    }
+
+
+def soak(last: int) -> dict[str, float]:
+    """Growth of this process's memory over many frames, after the first ones."""
+    find, images, process = finder(bundled_names()[0], "edges"), frames(), psutil.Process()
+    settled = 0
+    for number in tqdm(range(1, last + 1), "soak", unit="frame"):
+        find(next(images))
+        if number == min(SETTLED, last):
+            settled = process.memory_info().rss
+    growth = process.memory_info().rss / settled - 1
+    return {"frames": last, "settled": SETTLED, "rss_growth": round(growth, 4)}
+
+
+def peak_mib() -> float:
+    """The peak memory of this process."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+if __name__ == "__main__":
+    main()

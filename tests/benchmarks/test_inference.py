@@ -1,0 +1,36 @@
+"""The benchmark from large frames to poses, in miniature."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import inference
+
+
+def test_each_model_and_refinement_has_its_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inference, "ROUNDS", 1)
+    monkeypatch.setattr(inference, "PER_ROUND", 1)
+    monkeypatch.setattr(inference, "STARTS", 1)
+    monkeypatch.setattr(inference, "bundled_names", lambda: ["shaftpose"])
+    monkeypatch.setattr(inference, "get_args", lambda _: ("none", "edges"))
+    monkeypatch.setattr(sys, "argv", ["inference", "--frames", "3"])
+    monkeypatch.setattr(inference, "ROOT", tmp_path)
+    monkeypatch.setattr(inference, "OUT", tmp_path / "inference.json")
+    monkeypatch.setenv("PYTHONPATH", str(Path(inference.__file__).parents[1]))
+    inference.main()
+    result = json.loads((tmp_path / "inference.json").read_text())
+    assert [row["refine"] for row in result["models"]] == ["none", "edges"]
+    for row in result["models"]:
+        assert row["fps_median"] > 0 and row["ms_p95"] > 0
+        assert 0 < row["cold_start_s"] < 60 and 50 < row["rss_mib"] < 4000
+    assert result["soak"]["frames"] == 3 and result["soak"]["rss_growth"] == 0
+
+
+def test_frames_are_large_and_show_the_film() -> None:
+    frame = next(inference.frames())
+    assert frame.shape == (1080, 1920, 3)
+    assert frame[:, :420].max() == 0 and frame[:, 430:1490].mean() > 20
