@@ -16,7 +16,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-inference bench-render bench-train ui figures large-frames film architecture learning results clean
+.PHONY: help env repro report test lint format bench bench-inference bench-soak bench-render bench-train ui figures large-frames film architecture learning results clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -71,6 +71,9 @@ bench: $(READY)  ## measure images/s of the models from `make repro`
 
 bench-inference: $(READY)  ## measure speed and memory from a large frame to poses, on an idle machine
 	python -m benchmarks.inference
+
+bench-soak: $(READY)  ## measure the memory of prediction over 20,000 frames
+	python -m benchmarks.soak
 
 bench-render: $(READY)  ## measure images/s, quality and memory of the renderer, on an idle machine
 	python -m benchmarks.render

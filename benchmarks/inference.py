@@ -1,11 +1,9 @@
 """Speed and memory from a decoded frame to poses: `make bench-inference`, on an idle machine.
 
 Frames of 1920 x 1080 px go through the package's models one by one, with each way to refine poses
-in turn, and the times are written to `benchmarks/results/inference.json`. A last run predicts
-many frames, and compares its memory after the first ones with that after all.
+in turn, and the figures are written to `benchmarks/results/inference.json`.
 """
 
-import argparse
 import resource
 import statistics
 import subprocess
@@ -19,7 +17,6 @@ from typing import Any, get_args
 import cv2
 import numpy as np
 import onnxruntime
-import psutil
 from tqdm import tqdm
 
 from benchmarks.machine import machine
@@ -37,7 +34,6 @@ FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
-SETTLED = 1000  # frames after which memory should not grow
 PAUSE_S = 0.1  # the threads of a model keep spinning for a while
 # A new process: seconds until the poses of a first frame, imports included, then its peak memory
 # after more frames, in MiB.
@@ -59,9 +55,6 @@ print(seconds, peak_mib())
 
 def main() -> None:
     """Measure and write."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--frames", type=int, default=20_000, help="of the last run (20,000)")
-    last = parser.parse_args().frames
     names = [(model, refine) for model in bundled_names() for refine in get_args(Refinement)]
     seconds = times(names)
     rows = [row(*name, seconds[name]) for name in names]
@@ -71,12 +64,11 @@ def main() -> None:
         "frame": {"width": WIDTH, "height": HEIGHT},
         "frames": ROUNDS * PER_ROUND,
         "models": rows,
-        "soak": soak(last),
     }
     write_json(OUT, result)
     for one in rows:
         print(one)
-    print(f"{result['soak']}\nwritten to {OUT.relative_to(ROOT)}")
+    print(f"written to {OUT.relative_to(ROOT)}")
 
 
 def finder(model: str, refine: Refinement) -> ShaftFinder:
@@ -131,18 +123,6 @@ def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
         "cold_start_s": round(statistics.median(cold), 2),
         "rss_mib": round(max(peaks)),
     }
-
-
-def soak(last: int) -> dict[str, float]:
-    """Growth of this process's memory over many frames, after the first ones."""
-    find, images, process = finder(bundled_names()[0], "edges"), frames(), psutil.Process()
-    settled = 0
-    for number in tqdm(range(1, last + 1), "soak", unit="frame"):
-        find(next(images))
-        if number == min(SETTLED, last):
-            settled = process.memory_info().rss
-    growth = process.memory_info().rss / settled - 1
-    return {"frames": last, "settled": SETTLED, "rss_growth": round(growth, 4)}
 
 
 def peak_mib() -> float:

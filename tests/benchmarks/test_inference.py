@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import inference
+from benchmarks import inference, soak
 
 
 def test_each_model_and_refinement_has_its_figures(
@@ -17,7 +17,6 @@ def test_each_model_and_refinement_has_its_figures(
     monkeypatch.setattr(inference, "STARTS", 1)
     monkeypatch.setattr(inference, "bundled_names", lambda: ["shaftpose"])
     monkeypatch.setattr(inference, "get_args", lambda _: ("none", "edges"))
-    monkeypatch.setattr(sys, "argv", ["inference", "--frames", "3"])
     monkeypatch.setattr(inference, "ROOT", tmp_path)
     monkeypatch.setattr(inference, "OUT", tmp_path / "inference.json")
     monkeypatch.setenv("PYTHONPATH", str(Path(inference.__file__).parents[1]))
@@ -27,7 +26,19 @@ def test_each_model_and_refinement_has_its_figures(
     for row in result["models"]:
         assert row["fps_median"] > 0 and row["ms_p95"] > 0
         assert 0 < row["cold_start_s"] < 60 and 50 < row["rss_mib"] < 4000
-    assert result["soak"]["frames"] == 3 and result["soak"]["rss_growth"] == 0
+
+
+def test_memory_is_compared_with_that_after_the_first_frames(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["soak", "--frames", "3"])
+    monkeypatch.setattr(soak, "ROOT", tmp_path)
+    monkeypatch.setattr(soak, "OUT", tmp_path / "soak.json")
+    monkeypatch.setattr(soak, "SETTLED", 1)
+    soak.main()
+    result = json.loads((tmp_path / "soak.json").read_text())
+    assert (result["frames"], result["settled"]) == (3, 1)
+    assert 0.5 < 1 + result["rss_growth"] < 2
 
 
 def test_frames_are_large_and_show_the_film() -> None:
