@@ -38,21 +38,31 @@ def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -
     return Offsets(offsets, contrast**2 * robust)
 
 
-def image_gradients(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Gradients of an image (H, W, 3) by x and y, grey levels per px; (2, H, W, 3)."""
+class Gradients(NamedTuple):
+    """Of an image, by x and y, each (H, W, 3) in grey levels per px."""
+
+    by_x: NDArray[np.float32]
+    by_y: NDArray[np.float32]
+
+
+def image_gradients(rgb: NDArray[np.uint8]) -> Gradients:
+    """The gradients of an image (H, W, 3)."""
     smooth = cv2.GaussianBlur(rgb.astype(np.float32), (0, 0), 0.7)
-    return np.stack([cv2.Scharr(smooth, cv2.CV_32F, *by) / 32 for by in ((1, 0), (0, 1))])
+    return Gradients(
+        np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32), np.float32),
+        np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32), np.float32),
+    )
 
 
 def image_offsets(
-    gradients: NDArray[np.float32],
+    gradients: Gradients,
     contour: Contour,
     reach_px: float,
     inside_px: float = INSIDE_PX,
 ) -> Offsets:
-    """Edges of an image with gradients (2, H, W, 3): along each normal the local maximum that is
-    strongest if weighted by its nearness, moved outwards by `inside_px`. Reliable only from a start
-    within a px: metal has strong edges of its own."""
+    """Edges of an image: along each normal the local maximum of the gradient that is strongest if
+    weighted by its nearness, moved outwards by `inside_px`. Reliable only from a start within a px:
+    metal has strong edges of its own."""
     steps = _steps(_FARTHEST * reach_px)
     (by_x, inside), (by_y, _) = (_profiles(part, contour, steps) for part in gradients)
     normals = contour.normals[:, None, None]

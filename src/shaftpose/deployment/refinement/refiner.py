@@ -14,6 +14,7 @@ from shaftpose.core.refinement import Refinement
 from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import (
     INSIDE_PX,
+    Gradients,
     image_gradients,
     image_offsets,
     mask_offsets,
@@ -33,7 +34,7 @@ _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
 class _Edges(NamedTuple):
     """Gradients of an image, and its camera, whose image is `times` as large as the network's."""
 
-    gradients: NDArray[np.float32]
+    gradients: Gradients
     camera: Camera
     times: int
 
