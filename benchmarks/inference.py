@@ -78,13 +78,11 @@ def finder(model: str, refine: Refinement) -> ShaftFinder:
 
 def frames() -> Iterator[Image]:
     """The package's film, enlarged to the height of the frames and black beside it, for ever."""
-    images = []
-    for frame in VideoFile(FILM).frames():
+    left = (WIDTH - HEIGHT) // 2
+    sides = left, WIDTH - HEIGHT - left
+    for frame in cycle(list(VideoFile(FILM).frames())):
         square = cv2.resize(frame.rgb, (HEIGHT, HEIGHT), interpolation=cv2.INTER_CUBIC)
-        left = (WIDTH - HEIGHT) // 2
-        sides = left, WIDTH - HEIGHT - left
-        images.append(np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8))
-    return cycle(images)
+        yield np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8)
 
 
 def times(names: list[tuple[str, Refinement]]) -> dict[tuple[str, Refinement], list[float]]:
