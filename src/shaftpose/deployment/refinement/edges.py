@@ -38,6 +38,15 @@ def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -
     return Offsets(offsets, contrast**2 * robust)
 
 
+def mask_contrast(
+    mask: NDArray[np.float32], contour: Contour, reach_px: float
+) -> tuple[Array, Array]:
+    """How much a soft mask (H, W) falls from `reach_px` inside of a contour to as far outside, (N,)
+    in [0, 1], and the lengths (N,) px of the contour for which that lies in the mask, else 0."""
+    ends, inside = _profiles(mask, contour, np.array([-reach_px, reach_px]))
+    return np.clip(ends[:, 0] - ends[:, 1], 0.0, 1.0).astype(float), contour.lengths * inside
+
+
 class Gradients(NamedTuple):
     """Of an image, by x and y, each (H, W, 3) in grey levels per px."""
 

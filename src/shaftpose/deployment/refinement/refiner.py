@@ -21,6 +21,7 @@ from shaftpose.deployment.refinement.edges import (
 )
 from shaftpose.deployment.refinement.fit import UNDERSTATED, Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
+from shaftpose.deployment.refinement.support import distinct, supported
 
 # More stages are no more accurate (docs/beyond.md).
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
@@ -60,7 +61,8 @@ class Refiner:
         found: Detections,
         fine: NDArray[np.uint8] | None = None,
     ) -> FittedDetections:
-        """Detections with fitted poses and the extents of their contours in the image as boxes.
+        """Detections with fitted poses and the extents of their contours in the image as boxes,
+        scored by the mask's support as well; of those that show the same shaft, only the best.
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view; fine:
         (k H, k W, 3), the same view in more pixels, whose edges are more exact. A detection keeps
@@ -79,7 +81,15 @@ class Refiner:
             points = shaft_contour(fit.pose, self.shaft, self.camera).points
             if self.shaft.flat_tip and len(points):
                 boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
-        return FittedDetections(boxes, found.scores, poses, deviations)
+        scores = np.array(
+            [
+                supported(score, pose, wide, self.shaft, self.camera)
+                for score, pose in zip(found.scores, poses, strict=True)
+            ]
+        )
+        order = np.argsort(-scores, kind="stable")
+        chosen = order[distinct(poses[order], self.shaft, self.camera)]
+        return FittedDetections(boxes[chosen], scores[chosen], poses[chosen], deviations[chosen])
 
     def _edges(self, rgb: NDArray[np.uint8]) -> _Edges:
         times = rgb.shape[1] // self.camera.width
