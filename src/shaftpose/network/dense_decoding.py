@@ -66,12 +66,9 @@ def _refined(heat: Tensor, centres: Tensor, peaks: Tensor) -> Tensor:
 
 def _directions(mask: Tensor, maps: Tensor, tips: Tensor, pinhole: Pinhole) -> Tensor:
     """Unit vectors (B, K, 2) of the axes in the image, from the cells next to the tips."""
-    centres = pinhole.cell_centres(maps.shape[-1], maps)
-    votes = centres + WAY_PX * maps[:, 1:3].permute(0, 2, 3, 1)
-    away, far = (
-        (points - tips[:, :, None, None]).norm(dim=-1)
-        for points in (centres[None, None], votes[:, None])
-    )
+    centres = pinhole.cell_centres(maps.shape[-1], maps).permute(2, 0, 1)
+    away = _distances(*_offsets(centres[None], tips))
+    far = _distances(*_offsets(centres + WAY_PX * maps[:, 1:3], tips))
     exact = (away < _NEAR_PX) & (far < _NEAR_VOTE_PX) & (mask > 0)
     weights = (exact.float() + 1e-3 * (away < _BESIDE_PX).float()).flatten(2)
     values = _means(maps, weights)
@@ -101,14 +98,11 @@ def _belonging(
     """
     size = mask.shape[-2:]
     way = WAY_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")
-    centres = pinhole.cell_centres(size[0], mask)
-    votes = centres + way.permute(0, 2, 3, 1)
-    far = (votes[:, None] - tips[:, :, None, None]).norm(dim=-1)
+    centres = pinhole.cell_centres(size[0], mask).permute(2, 0, 1)
+    far = _distances(*_offsets(centres + way, tips))
     limit = _VOTE_PX + _VOTE_SHARE * way.norm(dim=1, keepdim=True)
-    (x, y), (u, v) = (
-        (part[..., 0], part[..., 1])
-        for part in (centres - tips[:, :, None, None], ways[:, :, None, None])
-    )
+    x, y = _offsets(centres[None], tips)
+    u, v = (part[:, :, None, None] for part in ways.unbind(-1))
     across = (x * v - y * u).abs() / (_ACROSS_PX + _ACROSS_SHARE * (x * u + y * v).abs())
     rivals = far / limit + across.clamp(max=1)
     rivals = torch.where((scores > _LEAST_SCORE)[..., None, None], rivals, float("inf"))
@@ -116,10 +110,20 @@ def _belonging(
     return nearest & (far < limit) & (mask > 0), far
 
 
+def _offsets(points: Tensor, tips: Tensor) -> tuple[Tensor, Tensor]:
+    """x and y, (B, K, h, w) each, from tips (B, K, 2) to points (1 or B, 2, h, w)."""
+    (x, y), (tip_x, tip_y) = points.unbind(1), tips.unbind(-1)
+    return x[:, None] - tip_x[..., None, None], y[:, None] - tip_y[..., None, None]
+
+
+def _distances(x: Tensor, y: Tensor) -> Tensor:
+    return (x.square() + y.square()).sqrt()  # `torch.hypot` cannot be exported
+
+
 def _weights(belongs: Tensor, far: Tensor, centres: Tensor, tips: Tensor) -> Tensor:
     """Weights (B, K, cells * cells) of the cells for the pose of each tip: full if they belong to
     it and their votes are near, and a little next to the tip in any case."""
-    beside = (centres[None, None] - tips[:, :, None, None]).norm(dim=-1) < _BESIDE_PX
+    beside = _distances(*_offsets(centres.permute(2, 0, 1)[None], tips)) < _BESIDE_PX
     return ((belongs & (far < _VOTE_PX)).float() + 1e-3 * beside.float()).flatten(2)
 
 
