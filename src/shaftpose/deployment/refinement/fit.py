@@ -68,31 +68,34 @@ def fit_pose(
     search: Search,
     stages: Sequence[Stage],
     held: Array,
+    centre: Array | None = None,
     understated: float = UNDERSTATED,
 ) -> Fit | None:
     """The pose whose contour lies on the edges that `search` finds in each stage in turn; None if
     the last stage finds too few.
 
     Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
-    and how near; `held` (5, 5), the information about the start's parameters, holds what edges
-    leave open. The errors are taken to be `understated` times those that the edges promise.
+    and how near; `held` (5, 5), the information about the parameters of `centre`, by default the
+    start, holds what edges leave open. The errors are taken to be `understated` times those that
+    the edges promise.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
         return None
-    pose, information, edges = start, held, None
+    pose, promised, edges = start, np.zeros_like(held), None
+    centre = start if centre is None else centre
     for stage in stages:
         edges = _edges(pose, shaft, camera, search, stage)
         if edges is None:  # perhaps behind an occluder: further from the tip there may be more
             continue
         weighted = edges.motion.T * edges.information
-        information = weighted @ edges.motion + held
-        away = _parameters(start, camera) - _parameters(pose, camera)
+        promised = weighted @ edges.motion
+        away = _parameters(centre, camera) - _parameters(pose, camera)
         away[4] = signed_deg(away[4])
-        step = np.linalg.solve(information, weighted @ edges.offsets + held @ away)
+        step = np.linalg.solve(promised + held, weighted @ edges.offsets + held @ away)
         pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
         return None
-    return Fit(pose, information / understated**2, camera)
+    return Fit(pose, promised / understated**2 + held / UNDERSTATED**2, camera)
 
 
 def _edges(

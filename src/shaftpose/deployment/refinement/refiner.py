@@ -45,7 +45,7 @@ class _Edges(NamedTuple):
         held = known.information_in(self.camera)
         # Errors do not fall with the size of pixels as the edges of smaller ones promise.
         understated = UNDERSTATED * self.times
-        return fit_pose(start, shaft, self.camera, search, stages, held, understated)
+        return fit_pose(start, shaft, self.camera, search, stages, held, known.pose, understated)
 
 
 class Refiner:
