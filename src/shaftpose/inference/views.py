@@ -1,5 +1,6 @@
 """How a frame becomes the square image that a model takes, and back."""
 
+from functools import cached_property
 from typing import Protocol
 
 import cv2
@@ -24,8 +25,8 @@ class View(Protocol):
         """The model's image (S, S, 3) of a frame (H, W, 3)."""
 
     def fine_square(self, rgb: Image) -> Image | None:
-        """The same view (k S, k S, 3) with more pixels; None if the frame does not have twice as
-        many a side."""
+        """The same view (k S, k S, 3), with k = 2 or 3; None if the frame has less than twice the
+        model's pixels per angle."""
 
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame for pixels (N, 2) of the model's image."""
@@ -46,7 +47,7 @@ class CentreSquare:
 
     def fine_square(self, rgb: Image) -> Image | None:
         """The central square with more pixels, if the frame has them."""
-        times = min(int(self._scale), _FINEST)
+        times = _finer(self._scale)
         return centre_square(rgb, times * self._side_px) if times > 1 else None
 
     def image_px(self, points: Array) -> Array:
@@ -64,9 +65,6 @@ class Resampled:
     def __init__(self, calibration: Calibration, model: Camera) -> None:
         self._calibration, self._model = calibration, model
         self._square = _Resampling(calibration, model)
-        times = min(int(calibration.matrix[0, 0] / model.focal_px), _FINEST)
-        finer = model.enlarged(times) if times > 1 else None
-        self._fine = None if finer is None else _Resampling(calibration, finer)
         self.covered = self._square.covered
 
     def square(self, rgb: Image) -> Image:
@@ -77,10 +75,20 @@ class Resampled:
         """The model's image with more pixels, if the frame has them."""
         return None if self._fine is None else self._fine(rgb)
 
+    @cached_property  # its tables take some 30 MB, and many users' frames are never fitted
+    def _fine(self) -> "_Resampling | None":
+        times = _finer(self._calibration.matrix[0, 0] / self._model.focal_px)
+        return _Resampling(self._calibration, self._model.enlarged(times)) if times > 1 else None
+
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame, with its distortion, for pixels (N, 2) of the square."""
         centre = np.array([self._model.cx, self._model.cy])
         return self._calibration.image_px((points - centre) / self._model.focal_px)
+
+
+def _finer(ratio: float) -> int:
+    """How many times the model's pixels the fine square has a side, for the frame's ratio."""
+    return min(int(ratio + 1e-6), _FINEST)  # a ratio of 2 may have been computed as 1.99...
 
 
 class _Resampling:
