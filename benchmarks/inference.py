@@ -4,7 +4,6 @@ Frames of 1920 x 1080 px go through the package's models one by one, with each w
 in turn, and the figures are written to `benchmarks/results/inference.json`.
 """
 
-import resource
 import statistics
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, get_args
 
 import cv2
@@ -35,15 +35,15 @@ WIDTH, HEIGHT = 1920, 1080
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
 PAUSE_S = 0.1  # the threads of a model keep spinning for a while
-# A new process: seconds until the poses of a first frame, imports included, then its peak memory
+# A new process: seconds until the poses in a first frame, imports included, then its peak memory
 # after more frames, in MiB.
 START = """
 import sys, time
 start = time.perf_counter()
-import numpy as np
+import cv2, numpy as np
 from shaftpose.inference.loading import load
 find = load(sys.argv[1], view_deg=95.0, diameter_mm=3.0, refine=sys.argv[2])
-find(np.zeros((1080, 1920, 3), np.uint8))
+find(cv2.imread(sys.argv[3])[..., ::-1])
 seconds = time.perf_counter() - start
 from benchmarks.inference import frames, peak_mib
 images = frames()
@@ -107,11 +107,14 @@ def _seconds(find: ShaftFinder, image: Image) -> float:
 
 def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
     """The figures of a model with a refinement."""
-    command = [sys.executable, "-c", START, model, refine]
-    starts = [
-        subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT)
-        for _ in range(STARTS)
-    ]
+    with TemporaryDirectory() as folder:
+        first = Path(folder) / "frame.png"
+        cv2.imwrite(str(first), next(frames())[..., ::-1])
+        command = [sys.executable, "-c", START, model, refine, str(first)]
+        starts = [
+            subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+            for _ in range(STARTS)
+        ]
     cold, peaks = zip(*(map(float, start.stdout.split()) for start in starts), strict=True)
     return {
         "model": model,
@@ -124,8 +127,9 @@ def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
 
 
 def peak_mib() -> float:
-    """The peak memory of this process."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    """The peak memory of this process, which getrusage would mix with its parent's."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 if __name__ == "__main__":

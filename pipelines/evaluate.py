@@ -22,8 +22,10 @@ def main(settings: Settings) -> None:
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
     keys = read_keys(Path("data/split"), "test")
     predictors = network_and_fit(model / "model.onnx", detection.refine)
-    confidence = confidence_threshold(detection.confidence_threshold, predictors[0])
-    found = [ModelResults(predictor, images, keys, confidence) for predictor in predictors]
+    found = [
+        ModelResults(one, images, keys, confidence_threshold(detection.confidence_threshold, one))
+        for one in predictors
+    ]
     figures, metrics = found[-1].write_figures(settings.out / "figures", name), flat(*found)
     write_json(settings.out / "metrics.json", metrics)
     result = evaluation(settings, training, read_curves(model / "curves.csv"), *found)

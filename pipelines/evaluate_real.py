@@ -20,10 +20,12 @@ def main(settings: Settings) -> None:
     """Write `silhouette.json` and `silhouettes.jpg` to `out`, and the scores also to `results`."""
     picture, rendering = settings.out / "silhouettes.jpg", settings.rendering
     predictors = network_and_fit(settings.model_folder / "model.onnx", settings.detection.refine)
-    confidence = confidence_threshold(settings.detection.confidence_threshold, predictors[0])
+    confidences = [
+        confidence_threshold(settings.detection.confidence_threshold, one) for one in predictors
+    ]
     sets = silhouette_sets(middle_camera(rendering), read_domain())
     render = SilhouetteRenderer(rendering)
-    scores = compare_silhouettes(predictors, render, sets, confidence, picture)
+    scores = compare_silhouettes(predictors, confidences, render, sets, picture)
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)

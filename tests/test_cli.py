@@ -126,7 +126,7 @@ def test_millimetres_are_metric_if_camera_and_shaft_are_stated(
     assert [one["metric"] for one in found] == [metric] * 2
     assert printed.err.count("NOT METRIC") == (not metric)
     for option in ("--camera or --view-deg", "--diameter-mm"):
-        assert (f"state yours by {option}." in printed.err) == (option in missing)
+        assert (f"state yours ({option})." in printed.err) == (option in missing)
 
 
 def test_positions_grow_with_the_diameter_and_pixels_do_not(

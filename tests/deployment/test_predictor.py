@@ -92,6 +92,15 @@ def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
     assert own.boxes.tolist() == [[1, 2, 3, 4]]
 
 
+def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
+    alone, fitting = network_and_fit(masked_model, "mask")
+    assert alone.confidence == 0.5
+    with pytest.raises(InputError, match=r"masked\.onnx: holds no confidence threshold"):
+        _ = fitting.confidence
+    store_facts(masked_model, replace(FLAT_ROD, fit_confidence=0.25))
+    assert [one.confidence for one in network_and_fit(masked_model, "mask")] == [0.5, 0.25]
+
+
 @pytest.mark.parametrize(
     "facts",
     [

@@ -3,6 +3,7 @@
 import logging
 import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,6 +37,28 @@ def test_what_is_unknown_is_said(caplog: pytest.LogCaptureFixture) -> None:
 def test_a_model_that_is_not_there_is_named() -> None:
     with pytest.raises(InputError, match=r"nowhere\.onnx"):
         load("nowhere.onnx")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"camera": "lens.yml", "view_deg": 70.0}, "camera lens.yml and view_deg 70: give one"),
+        ({"view_deg": 180.0}, "view_deg 180: give an angle between 0 and 180"),
+        ({"view_deg": float("nan")}, "view_deg nan"),
+        ({"diameter_mm": 0.0}, "diameter_mm 0: give a number above 0"),
+        ({"diameter_mm": float("inf")}, "diameter_mm inf"),
+        ({"score": 1.5}, "score 1.5: give a number from 0 to 1"),
+        ({"refine": "edge"}, "refine 'edge': give one of none, mask, edges"),
+    ],
+)
+def test_options_without_a_meaning_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load(**options)
+
+
+def test_a_model_may_be_a_path() -> None:
+    with pytest.raises(InputError, match=r"nowhere\.onnx"):
+        load(Path("nowhere.onnx"))
 
 
 def test_the_readmes_lines_run(

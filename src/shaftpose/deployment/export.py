@@ -12,7 +12,7 @@ from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import export_onnx, store_facts
 from shaftpose.deployment.parity import Parity, check_parity
 from shaftpose.deployment.prediction import predict_shards
-from shaftpose.deployment.predictor import Predictor
+from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.errors import InputError
 from shaftpose.evaluation.average_precision import precision_recall
 from shaftpose.evaluation.operating_point import best_confidence
@@ -52,7 +52,11 @@ def export_model(
         distorted=any((*lens.k1, *lens.k2)),
     )
     store_facts(path, facts)
-    store_facts(path, replace(facts, confidence=validated_confidence(Predictor(path))))
+    alone, *fitting = network_and_fit(path, "edges")
+    facts = replace(facts, confidence=validated_confidence(alone))
+    for predictor in fitting:
+        facts = replace(facts, fit_confidence=validated_confidence(predictor))
+    store_facts(path, facts)
     return parity
 
 

@@ -6,11 +6,13 @@ from dataclasses import asdict, dataclass
 
 @dataclass(frozen=True)
 class ModelFacts:
-    """The confidence threshold, chosen on validation images, and the camera and the shaft that the
+    """Confidence thresholds, chosen on validation images, and the camera and the shaft that the
     model was trained for, without which its millimetres are meaningless.
 
-    The shaft's facts are None for an instrument from a CAD file. distorted: whether the camera had
-    lens distortion. The default view angle is the paper's.
+    confidence: for the network's scores. fit_confidence: for those of fitted poses, which count the
+    mask's support as well; None if poses cannot be fitted. The shaft's facts are None for an
+    instrument from a CAD file. distorted: whether the camera had lens distortion. The default view
+    angle is the paper's.
     """
 
     confidence: float | None = None
@@ -19,6 +21,7 @@ class ModelFacts:
     shaft_length_mm: float | None = None
     shaft_tip: str | None = None
     distorted: bool = False
+    fit_confidence: float | None = None
 
     def as_text(self) -> dict[str, str]:
         """The facts that are known, by name."""
@@ -30,7 +33,9 @@ class ModelFacts:
 
         Raises ValueError if a number is none.
         """
-        numbers = ("confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm")
+        numbers = (
+            "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm"
+        )  # fmt: skip
         known = {name: float(stated[name]) for name in numbers if name in stated}
         tip, distorted = stated.get("shaft_tip"), stated.get("distorted") == str(True)
         return cls(**known, shaft_tip=tip, distorted=distorted)

@@ -60,15 +60,17 @@ class Predictor:
 
     @property
     def confidence(self) -> float:
-        """The model's confidence threshold, chosen on validation images.
+        """The threshold for the scores of this predictor, chosen on validation images.
 
         Raises InputError naming the file if it states none.
         """
-        if self.facts.confidence is None:
+        facts = self.facts
+        threshold = facts.confidence if self.refiner is None else facts.fit_confidence
+        if threshold is None:
             raise InputError(
                 f"{self._path}: holds no confidence threshold; export it again or set one"
             )
-        return self.facts.confidence
+        return threshold
 
     @property
     def fits_edges(self) -> bool:

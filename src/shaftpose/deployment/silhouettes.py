@@ -27,15 +27,17 @@ Render = Callable[[NDArray[np.float64], Camera], Sequence[NDArray[np.bool_]]]
 
 def compare_silhouettes(
     predictors: Sequence[Predictor],
+    confidences: Sequence[float],
     render: Render,
     sets: Mapping[str, Sequence[MaskedImage]],
-    confidence: float,
     picture: Path,
 ) -> dict[str, SilhouetteScore]:
     """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
-    fitted poses; draws the first images of each set and the last predictor's poses."""
+    fitted poses, each at its own confidence threshold; draws the first images of each set and
+    the last predictor's poses."""
     scores, drawn = dict[str, SilhouetteScore](), list[Image]()
-    for prefix, predictor in zip(("", FITTED), predictors, strict=False):
+    by_prefix = zip(("", FITTED), predictors, confidences, strict=False)
+    for prefix, predictor, confidence in by_prefix:
         drawn = []
         for name, images in sets.items():
             found = predict(predictor, (image.rgb for image in images), len(images))

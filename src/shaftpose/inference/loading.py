@@ -2,9 +2,13 @@
 
 import logging
 from pathlib import Path
+from typing import get_args
+
+import numpy as np
 
 from shaftpose.core.refinement import Refinement
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
 from shaftpose.inference.frame_cameras import (
     Views,
     Warn,
@@ -20,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 def load(
-    model: str | None = None,
+    model: Path | str | None = None,
     *,
     camera: Path | str | None = None,
     view_deg: float | None = None,
@@ -37,7 +41,8 @@ def load(
     shafts. score: the least of a detection; None: the model's own threshold. refine: see `Refiner`.
     Raises InputError naming the file or the option if one cannot be used.
     """
-    with model_file(model) as path:
+    _check(camera, view_deg, diameter_mm, score, refine)
+    with model_file(None if model is None else str(model)) as path:
         predictor = Predictor(path, refine)
     unknown = _unknown(predictor, camera is None and view_deg is None, diameter_mm is None)
     if unknown:
@@ -47,19 +52,39 @@ def load(
     return ShaftFinder(predictor, views, least, diameter_mm, metric=not unknown)
 
 
-def _unknown(predictor: Predictor, any_camera: bool, any_diameter: bool) -> list[str]:
+def _check(
+    camera: Path | str | None,
+    view_deg: float | None,
+    diameter_mm: float | None,
+    score: float | None,
+    refine: str,
+) -> None:
+    """Raise InputError unless the options have values that mean something."""
+    if camera is not None and view_deg is not None:
+        raise InputError(f"camera {camera} and view_deg {view_deg:g}: give one of them")
+    if view_deg is not None and not 0 < view_deg < 180:
+        raise InputError(f"view_deg {view_deg:g}: give an angle between 0 and 180")
+    if diameter_mm is not None and not 0 < diameter_mm < np.inf:
+        raise InputError(f"diameter_mm {diameter_mm:g}: give a number above 0")
+    if score is not None and not 0 <= score <= 1:
+        raise InputError(f"score {score:g}: give a number from 0 to 1")
+    if refine not in get_args(Refinement):
+        raise InputError(f"refine {refine!r}: give one of {', '.join(get_args(Refinement))}")
+
+
+def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool) -> list[str]:
     """What the user has to state before millimetres are right, as sentences."""
     facts, unknown = predictor.facts, []
-    if any_camera:
+    if camera_unknown:
         unknown.append(
-            f"The model was trained for a camera of {facts.view_deg:g} deg: state yours by "
-            "--camera or --view-deg."
+            f"The model was trained for a camera of {facts.view_deg:g} deg: state yours "
+            "(--camera or --view-deg)."
         )
     # An instrument from a CAD file has no diameter: the model knows no other instrument.
-    if any_diameter and facts.shaft_diameter_mm is not None:
+    if diameter_unknown and facts.shaft_diameter_mm is not None:
         unknown.append(
-            f"It was trained for shafts of {facts.shaft_diameter_mm:g} mm: state yours by "
-            "--diameter-mm."
+            f"It was trained for shafts of {facts.shaft_diameter_mm:g} mm: state yours "
+            "(--diameter-mm)."
         )
     return unknown
 

@@ -47,6 +47,14 @@ def test_of_tips_on_one_axis_the_best_is_kept() -> None:
     assert distinct(poses, SHAFT, CAMERA) == [0, 3]  # 12 mm in front: another shaft
 
 
+@pytest.mark.parametrize(("turned_deg", "kept"), [(10.0, [0]), (25.0, [0, 1])])
+def test_a_tip_on_another_shaft_counts_if_its_axis_differs(
+    turned_deg: float, kept: list[int]
+) -> None:
+    turned = moved(5.0) + [0, 0, 0, 0, turned_deg]
+    assert distinct(np.array([TRUE, turned]), SHAFT, CAMERA) == kept
+
+
 def test_shafts_that_cross_or_lie_side_by_side_are_kept() -> None:
     crossing = moved(5.0) + [0, 0, 0, 0, 60.0]
     beside = TRUE + [-2.5, 3.5, 0, 0, 0]  # across the axis

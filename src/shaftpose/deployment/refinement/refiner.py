@@ -70,7 +70,8 @@ class Refiner:
         contour has only lines then.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
-        edges = [self._edges(image) for image in (rgb, fine) if image is not None and self.edges]
+        images = (rgb, fine) if self.edges and len(found.poses) else ()
+        edges = [self._edges(image) for image in images if image is not None]
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):

@@ -15,7 +15,7 @@ _REACH_PX = 4.0
 _NEAR_TIP = 1.5  # radii of the shaft in the image
 # A shaft's tip on the axis of another: so many radii to its side or in front of its tip at most,
 # and the cosine of the angle between both in the image at least.
-_ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.9
+_ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
 
 
 def supported(
