@@ -96,6 +96,7 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	install -m 644 reports/e/silhouettes.jpg docs/images/silhouettes.jpg
 	install -m 644 reports/data_card/figures/distributions.png docs/images/distributions.png
 	install -m 644 reports/figures/binned_errors.png docs/images/binned_errors.png
+	python -m studies.palette_pictures docs/images/*.png
 
 large-frames: $(READY)  ## render large frames on data/backgrounds, and show in docs what they give the fit
 	python -m studies.large_frames

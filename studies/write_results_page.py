@@ -17,6 +17,7 @@ from shaftpose.handovers import read_handover
 from shaftpose.json_files import read_json
 from shaftpose.report.ablation import AblationReport
 from studies.architecture_tables import rounding_table
+from studies.palette_pictures import store_with_palette
 from studies.readme_table import with_table
 from studies.record import TrainingRecord, read_record
 from studies.results_page import Table, to_page
@@ -39,6 +40,7 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
     """Draw the figures, given by path in `folder`, and remove those of other records."""
     for name, figure in figures.items():
         save_figure(figure, folder / name)
+        store_with_palette(folder / name)
     drawn = {folder / name for name in figures}
     for path in [found for kind in PICTURES for found in folder.glob(f"images/{kind}_*.png")]:
         if path not in drawn:
