@@ -23,7 +23,7 @@ from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import Sample
 from shaftpose.deployment.bundled import bundled_model
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import exit_on_input_error
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.settings.compose import composed_settings
@@ -57,8 +57,17 @@ def main() -> None:
 
 
 def table(settings: Settings, frames: int) -> str:
-    """Median and mean errors of the shafts that all runs found, by the pixels that the fit saw."""
+    """Median and mean errors of the shafts that all runs found, by the pixels that the fit saw.
+
+    Raises InputError if the package's model was trained for another camera than the settings'.
+    """
     predictor, true = Predictor(bundled_model()), []
+    wanted, trained = settings.rendering.camera.view_deg, predictor.facts.view_deg
+    if wanted != trained:
+        raise InputError(
+            f"params.yaml: camera.view_deg is {wanted:g}, but the package's model was trained for "
+            f"{trained:g}; set {trained:g}"
+        )
     found: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in RUNS}
     for sample in tqdm(rendered(settings, frames), "rendering", frames, unit="frame"):
         true.append([asdict(one.pose) for one in sample.instruments])

@@ -1,9 +1,16 @@
 """The table of errors in large frames."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from shaftpose.core.instruments import Detections
-from studies.large_frames import error_table, poses
+from shaftpose.errors import InputError
+from shaftpose.settings.compose import composed_settings
+from studies.large_frames import error_table, poses, table
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_errors_are_of_the_shafts_that_all_runs_found() -> None:
@@ -29,3 +36,9 @@ def test_poses_are_named() -> None:
     assert poses(found) == [
         {"x_mm": 1.0, "y_mm": 2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 350.0}
     ]
+
+
+def test_a_camera_that_the_model_does_not_know_is_refused() -> None:
+    settings = composed_settings(ROOT, "camera.view_deg=70")
+    with pytest.raises(InputError, match=r"camera\.view_deg is 70, but .* trained for 95"):
+        table(settings, frames=1)
