@@ -18,13 +18,11 @@ from shaftpose.settings.tree import Settings
 @stage
 def main(settings: Settings) -> None:
     """Write `silhouette.json` and `silhouettes.jpg` to `out`, and the scores also to `results`."""
-    picture, rendering = settings.out / "silhouettes.jpg", settings.rendering
+    picture, render = settings.out / "silhouettes.jpg", SilhouetteRenderer(settings.rendering)
     predictors = network_and_fit(settings.model_folder / "model.onnx", settings.detection.refine)
-    confidences = [
-        confidence_threshold(settings.detection.confidence_threshold, one) for one in predictors
-    ]
-    sets = silhouette_sets(middle_camera(rendering), read_domain())
-    render = SilhouetteRenderer(rendering)
+    stated = settings.detection.confidence_threshold
+    confidences = [confidence_threshold(stated, one) for one in predictors]
+    sets = silhouette_sets(middle_camera(settings.rendering), read_domain())
     scores = compare_silhouettes(predictors, confidences, render, sets, picture)
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
