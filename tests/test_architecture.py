@@ -28,7 +28,7 @@ FOLDERS = {
     "deployment": ("dataset", "network", "evaluation", "figures"),
     "report": ("evaluation", "figures"),
     "inference": ("deployment", "tracking"),
-    "commands": ("inference", "deployment", "dataset"),
+    "commands": ("inference", "deployment", "dataset", "farm"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.

@@ -126,6 +126,18 @@ def test_show_names_the_extra_that_it_lacks(tmp_path: Path) -> None:
     )
 
 
+def test_workers_need_the_extra_cluster_alone(tmp_path: Path) -> None:
+    arguments = ("predict", str(FRAMES), "--workers", "1", "--out", str(tmp_path / "found"))
+    result = run_without(HEAVY, *arguments)
+    assert result.returncode == 1
+    assert result.stderr == "error: --workers: needs Dask: pip install 'shaftpose[cluster]'\n"
+    dask = {"dask", "distributed", "jinja2", "psutil", "yaml"}  # and what it needs itself
+    result = run_without([name for name in HEAVY if name not in dask], *arguments)
+    assert result.returncode == 0, result.stderr
+    assert len((tmp_path / "found/predictions.jsonl").read_text().splitlines()) == 3
+    assert required(["shaftpose[cluster]"]) <= required(["shaftpose[render]"])
+
+
 def test_wheels_say_that_the_package_is_typed() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "py.typed" in settings["tool"]["setuptools"]["package-data"]["shaftpose"]

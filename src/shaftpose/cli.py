@@ -21,6 +21,7 @@ examples:
   shaftpose predict operation.mp4 --camera cam.yaml --diameter-mm 5 --format csv > poses.csv
   shaftpose predict 0 --view-deg 70 --diameter-mm 3       # the first camera
   find . -name '*.png' | shaftpose predict - --score 0.3
+  shaftpose predict frames/ --out found --workers 16      # 16 processes
 
 A camera or stream is read until it ends or Ctrl-C; frames that come too fast are skipped. Exit
 status: 0, or 1 if a source failed; the others are predicted all the same."""
@@ -90,6 +91,10 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, help="folder for results (standard output)")
     parser.add_argument("--draw", action="store_true", help="also draw the frames, into --out")
+    parser.add_argument(
+        "--workers", type=_workers, metavar="N|tcp://HOST:PORT",
+        help="spread images over N processes, or the workers of a running Dask scheduler",
+    )  # fmt: skip
 
 
 def _add_demo(parser: argparse.ArgumentParser) -> None:
@@ -159,6 +164,10 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{number} is not above 0")
     return number
+
+
+def _workers(text: str) -> int | str:
+    return text if "://" in text else _positive(text)
 
 
 def _above_zero(text: str) -> float:

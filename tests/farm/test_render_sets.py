@@ -22,7 +22,8 @@ from distributed import Client
 
 from shaftpose.core.shards import ShardedDataset, sample_key
 from shaftpose.errors import InputError
-from shaftpose.farm import cluster, render_sets
+from shaftpose.farm import render_sets
+from shaftpose.farm import workers as dask_workers
 from shaftpose.farm.cluster import connect
 from shaftpose.farm.render_sets import ATTEMPTS, render_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
@@ -347,7 +348,7 @@ def test_a_lost_scheduler_ends_the_run(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(cluster, "_ANSWER_S", 5.0)
+    monkeypatch.setattr(dask_workers, "_ANSWER_S", 5.0)
     process, address = scheduler
     with workers(1, address) as client:
         run = background(rendered, tmp_path, client)

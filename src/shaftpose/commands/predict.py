@@ -3,16 +3,22 @@
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import NoReturn
 
 from tqdm import tqdm
 
 from shaftpose.errors import InputError
+from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.formats import FORMATS
 from shaftpose.inference.frames import Frame, Source
-from shaftpose.inference.loading import load
+from shaftpose.inference.image_chunks import PredictedImage, predicted_images
+from shaftpose.inference.model_files import model_file
 from shaftpose.inference.outputs import outputs
 from shaftpose.inference.prediction_run import for_each_frame
+from shaftpose.inference.result_stream import result_stream
 from shaftpose.inference.sources import sources
 from shaftpose.inference.tracker import Tracker
 
@@ -24,15 +30,14 @@ def run(options: argparse.Namespace) -> None:
     """
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
-    finder = load(
-        options.model,
-        camera=options.camera,
-        view_deg=options.view_deg,
-        diameter_mm=options.diameter_mm,
-        score=options.score,
-        refine=options.refine,
-        warn=warn,
-    )
+    failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
+    if failed:
+        raise InputError(f"sources that failed, see above: {failed}")
+
+
+def _predict_alone(options: argparse.Namespace) -> int:
+    """Predict all sources in this process; returns how many failed."""
+    finder = _finder_options(options).finder(warn)
     named = named_sources(options.sources)
     tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style, drawings = FORMATS[options.format], options.out if options.draw else None
@@ -46,9 +51,50 @@ def run(options: argparse.Namespace) -> None:
             write(frame, shafts if tracker is None else tracker(frame, shafts))
             bar.update()
 
-        failed = for_each_frame(named, predict, report)
-    if failed:
-        raise InputError(f"sources that failed, see above: {failed}")
+        return for_each_frame(named, predict, report)
+
+
+def _predict_on_workers(options: argparse.Namespace) -> int:
+    """Predict images on Dask workers; returns how many sources failed.
+
+    Raises InputError if Dask is missing, the scheduler does not answer or pictures are asked for.
+    """
+    if options.draw:
+        raise InputError("--draw: not with --workers; leave out one of them")
+    try:
+        from shaftpose.farm.ordered_tasks import in_order
+        from shaftpose.farm.workers import client_of
+    except ImportError as error:
+        raise InputError("--workers: needs Dask: pip install 'shaftpose[cluster]'") from error
+    named, style = named_sources(options.sources), FORMATS[options.format]
+    with model_file(options.model) as model:
+        chosen = _absolute(_finder_options(options), model)
+        chosen.finder(warn)  # so that unusable options end the command here
+        with (
+            result_stream(options.out, style) as results,
+            client_of(options.workers) as client,
+            progress_bar(named, hidden=options.out is None) as bar,
+        ):
+
+            def write(image: PredictedImage) -> None:
+                results.add(image, image.shafts)
+                bar.update()
+
+            images = predicted_images(named, chosen, partial(in_order, client), warn)
+            return for_each_frame(images, write, report)
+
+
+def _finder_options(options: argparse.Namespace) -> FinderOptions:
+    return FinderOptions(
+        options.model, options.camera, options.view_deg, options.diameter_mm, options.score,
+        options.refine,
+    )  # fmt: skip
+
+
+def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
+    """The options for a process in another folder."""
+    camera = None if options.camera is None else options.camera.absolute()
+    return replace(options, model=str(model.absolute()), camera=camera)
 
 
 def named_sources(names: Sequence[str]) -> Iterable[Source]:

@@ -13,7 +13,7 @@ import numpy as np
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.errors import InputError
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
+from shaftpose.inference.frames import Origin
 
 CSV_COLUMNS = (
     "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
@@ -33,10 +33,10 @@ class Format:
 
     suffix: str
     header: str
-    lines: Callable[[Frame, Sequence[FoundShaft]], str]
+    lines: Callable[[Origin, Sequence[FoundShaft]], str]
 
 
-def json_line(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+def json_line(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
     """One line for the frame, with all its shafts."""
     found = [as_row(shaft) for shaft in shafts]
     return json.dumps({"image": frame.source, "frame": frame.number, "instruments": found}) + "\n"
@@ -60,7 +60,7 @@ def _named(values: np.ndarray) -> dict[str, float]:
     return {name: round(float(v), 3) for name, v in zip(POSE_DIMENSIONS, values, strict=True)}
 
 
-def csv_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+def csv_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft."""
     return _table(
         [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
@@ -70,7 +70,7 @@ def csv_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
     )  # fmt: skip
 
 
-def bop_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
+def bop_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft, in BOP's form: scene and image number, object 1, score, rotation by
     rows and translation in mm, from the shaft's frame to the camera's.
 
@@ -84,7 +84,7 @@ def bop_lines(frame: Frame, shafts: Sequence[FoundShaft]) -> str:
     )  # fmt: skip
 
 
-def _bop_numbers(frame: Frame) -> tuple[int, int]:
+def _bop_numbers(frame: Origin) -> tuple[int, int]:
     """Scene and image; BOP's datasets hold SCENE/rgb/IMAGE.png. A video is scene 1."""
     if frame.fps is not None:
         return 1, frame.number

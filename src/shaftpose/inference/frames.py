@@ -30,8 +30,28 @@ def from_bgr(bgr: Any) -> Image:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
+class Origin(Protocol):
+    """Where a frame comes from, as results state it; see `Frame`."""
+
+    @property
+    def source(self) -> str:
+        """The name that the user gave."""
+
+    @property
+    def number(self) -> int:
+        """The position in a video or stream."""
+
+    @property
+    def fps(self) -> float | None:
+        """Frames per second; None for an image file."""
+
+
 class Source(Protocol):
     """An image file, a video file or a live stream."""
+
+    @property
+    def name(self) -> str:
+        """The name that the user gave."""
 
     @property
     def length(self) -> int | None:

@@ -18,9 +18,14 @@ class ImageFile:
     path: Path
     length: int = 1
 
+    @property
+    def name(self) -> str:
+        """The path."""
+        return str(self.path)
+
     def frames(self) -> Iterator[Frame]:
         """The image. Raises InputError naming the file if it is missing or is not an image."""
-        yield Frame(str(self.path), 0, read_rgb(self.path))
+        yield Frame(self.name, 0, read_rgb(self.path))
 
 
 def is_image(path: Path) -> bool:
@@ -35,6 +40,11 @@ class EmptyFolder:
     path: Path
     reason: str
     length: int = 0
+
+    @property
+    def name(self) -> str:
+        """The path."""
+        return str(self.path)
 
     def frames(self) -> Iterator[Frame]:
         """Raises InputError naming the folder."""

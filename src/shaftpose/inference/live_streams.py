@@ -97,16 +97,17 @@ class LiveStream:
             cv2.VideoCapture(address) if isinstance(address, int) else cv2.VideoCapture(address)
         )
         if not capture.isOpened():
-            raise InputError(f"{self._name}: cannot be opened; is it there, and used by no other?")
+            raise InputError(f"{self.name}: cannot be opened; is it there, and used by no other?")
         fps, newest, number = frame_rate(capture), NewestFrames(capture), -1
         try:
             for number, bgr in newest:
-                yield Frame(self._name, number, from_bgr(bgr), fps)
+                yield Frame(self.name, number, from_bgr(bgr), fps)
         finally:
             newest.close()
         if number < 0 or isinstance(address, int):
-            raise InputError(f"{self._name}: shows no more frames; is it still connected?")
+            raise InputError(f"{self.name}: shows no more frames; is it still connected?")
 
     @property
-    def _name(self) -> str:
+    def name(self) -> str:
+        """`camera` and its index, or the URL."""
         return f"camera {self.address}" if isinstance(self.address, int) else self.address

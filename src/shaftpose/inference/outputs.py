@@ -21,7 +21,7 @@ def outputs(folder: Path | None, style: Format, drawings: Path | None) -> Iterat
     Raises UnwritableError naming a file that cannot be written.
     """
     with ExitStack() as stack:
-        parts = [stack.enter_context(result_stream(folder, style)).add]
+        parts: list[Write] = [stack.enter_context(result_stream(folder, style)).add]
         if drawings is not None:
             parts.append(stack.enter_context(annotated_files(drawings)).add)
 

@@ -1,14 +1,25 @@
 """A whole prediction: all frames of all sources, whatever happens to some of them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol, TypeVar
 
 from shaftpose.errors import InputError
-from shaftpose.inference.frames import Frame, Source
+from shaftpose.inference.frames import Origin
 from shaftpose.inference.unwritable import UnwritableError
+
+F = TypeVar("F", bound=Origin)
+F_co = TypeVar("F_co", bound=Origin, covariant=True)
+
+
+class FramesOf(Protocol[F_co]):
+    """The part of a `Source` that a prediction needs, for frames of any type."""
+
+    def frames(self) -> Iterator[F_co]:
+        """The frames in their order. Raises InputError naming the source if it cannot be read."""
 
 
 def for_each_frame(
-    sources: Iterable[Source], work: Callable[[Frame], None], report: Callable[[str], None]
+    sources: Iterable[FramesOf[F]], work: Callable[[F], None], report: Callable[[str], None]
 ) -> int:
     """Do the work for all frames of all sources; returns how many sources failed.
 
@@ -28,7 +39,7 @@ def for_each_frame(
     return failed
 
 
-def _do(work: Callable[[Frame], None], frame: Frame) -> None:
+def _do(work: Callable[[F], None], frame: F) -> None:
     try:
         work(frame)
     except UnwritableError:

@@ -8,7 +8,7 @@ from typing import TextIO
 
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
+from shaftpose.inference.frames import Origin
 from shaftpose.inference.unwritable import naming_unwritable
 
 
@@ -19,7 +19,7 @@ class ResultStream:
         self._stream, self._name, self._format = stream, name, style
         self._write(style.header)
 
-    def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
+    def add(self, frame: Origin, shafts: Sequence[FoundShaft]) -> None:
         """Write what was found in a frame.
 
         Raises InputError if the format cannot hold the frame, UnwritableError if there is no room,

@@ -23,6 +23,11 @@ class VideoFile:
     path: Path
 
     @property
+    def name(self) -> str:
+        """The path."""
+        return str(self.path)
+
+    @property
     def length(self) -> int | None:
         """The number of frames that the header states; None if it states none."""
         return _stated_length(cv2.VideoCapture(str(self.path)))
@@ -36,7 +41,7 @@ class VideoFile:
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
         fps, stated, number = frame_rate(capture), _stated_length(capture) or 0, 0
         while (frame := capture.read()[1]) is not None:
-            yield Frame(str(self.path), number, from_bgr(frame), fps)
+            yield Frame(self.name, number, from_bgr(frame), fps)
             number += 1
         if number == 0 or number < _LEAST_SHARE * stated:
             raise InputError(

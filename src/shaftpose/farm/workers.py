@@ -1,0 +1,65 @@
+"""Dask workers, as processes of this machine or at a running scheduler.
+
+Those of this machine listen only on 127.0.0.1.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from distributed import Client, LocalCluster
+
+from shaftpose.errors import InputError
+
+logger = logging.getLogger(__name__)
+
+# Address of Dask's health pages and, if bokeh is installed, its dashboard.
+PAGES = "127.0.0.1:0"
+# Python source that Dask runs in each worker process. Ctrl-C reaches all processes of a terminal:
+# the one that started the run ends the others in order.
+_LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+_ANSWER_S = 30.0
+
+
+@contextmanager
+def client_of(workers: int | str) -> Iterator[Client]:
+    """A client of so many processes of this machine, which end with it, or of the scheduler at an
+    address.
+
+    Raises InputError if the scheduler does not answer.
+    """
+    with ExitStack() as stack:
+        if isinstance(workers, str):
+            client = _client_at(workers)
+        else:
+            client = Client(stack.enter_context(_local(workers)), set_as_default=False)
+        yield stack.enter_context(client)
+
+
+def _client_at(address: str) -> Client:
+    try:
+        client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{address}: no Dask scheduler answers there; start one, or give a number of workers "
+            "instead, for processes of this machine"
+        ) from error
+    if not client.scheduler_info()["workers"]:
+        logger.warning(
+            "%s: the scheduler has no workers yet; nothing happens until "
+            "`dask worker %s --nthreads 1 --memory-limit 0` runs somewhere", address, address,
+        )  # fmt: skip
+    return client
+
+
+def _local(workers: int) -> LocalCluster:
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=PAGES,
+        worker_dashboard_address=None,
+        memory_limit=None,  # of the Dask worker, without Blender's memory
+        preload=[_LEAVE_INTERRUPTS_ALONE],
+        silence_logs=logging.CRITICAL,  # tasks report problems themselves
+    )

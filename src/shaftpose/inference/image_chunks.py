@@ -1,0 +1,176 @@
+"""Prediction of many image files in chunks, which processes of several machines can share."""
+
+import hashlib
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from itertools import islice
+from pathlib import Path
+from uuid import uuid4
+
+import cv2
+import numpy as np
+import onnxruntime
+
+from shaftpose.errors import InputError
+from shaftpose.inference.finder_options import FinderOptions
+from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.frame_cameras import Warn
+from shaftpose.inference.frames import Source
+from shaftpose.inference.image_files import EmptyFolder, ImageFile
+from shaftpose.inference.prediction_run import for_each_frame
+from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.source_code import source_files
+
+_IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
+
+
+@dataclass(frozen=True)
+class Run:
+    """Parameters shared by the chunks of one run.
+
+    options: with absolute paths. folder: that the paths of images start from. software: see
+    `_software`. name: no other run has it.
+    """
+
+    options: FinderOptions
+    folder: Path
+    software: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """The images of one task."""
+
+    sources: tuple[Source, ...]
+    run: Run
+
+
+@dataclass(frozen=True)
+class PredictedImage:
+    """An image file with what was found in it: a `Source` of itself.
+
+    error: why it failed; empty if it did not.
+    """
+
+    source: str
+    shafts: tuple[FoundShaft, ...] = ()
+    error: str = ""
+    number: int = 0
+    fps: None = None
+
+    def frames(self) -> Iterator["PredictedImage"]:
+        """Itself. Raises InputError if it failed."""
+        if self.error:
+            raise InputError(self.error)
+        yield self
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The result of a chunk. warnings: those since the process started, each once."""
+
+    images: tuple[PredictedImage, ...]
+    warnings: tuple[str, ...]
+
+
+# Does the work for all chunks, in their order. None: the processes that tried have died.
+Spread = Callable[
+    [Callable[[Chunk], Prediction], Iterable[Chunk]], Iterator[tuple[Chunk, Prediction | None]]
+]
+
+
+def predicted_images(
+    sources: Iterable[Source], options: FinderOptions, spread: Spread, warn: Warn
+) -> Iterator[PredictedImage]:
+    """The image files with what was found in them, in their order.
+
+    options: with absolute paths. warn: gets each warning once. Raises InputError if the processes
+    do not have this one's software.
+    """
+    warned: set[str] = set()
+    for prediction in _predictions(_chunks(sources, options), spread):
+        for warning in prediction.warnings:
+            if warning not in warned:
+                warn(warning)
+        warned.update(prediction.warnings)
+        yield from prediction.images
+
+
+def _predictions(chunks: Iterable[Chunk], spread: Spread) -> Iterator[Prediction]:
+    """The results of all chunks; an image that no process survives costs none but itself."""
+    for chunk, prediction in spread(predict_chunk, chunks):
+        if prediction is not None:
+            yield prediction
+        elif len(chunk.sources) == 1:
+            yield Prediction((_lost(*chunk.sources),), ())
+        else:
+            for source in chunk.sources:
+                yield from _predictions([Chunk((source,), chunk.run)], spread)
+
+
+def predict_chunk(chunk: Chunk) -> Prediction:
+    """Predict the images of a chunk, with a model that this process loads once in a run.
+
+    Raises InputError if the software differs or the model cannot be used.
+    """
+    if chunk.run.software != _software():
+        raise InputError(
+            f"{socket.gethostname()}: shaftpose, onnxruntime, OpenCV or numpy differ from those on "
+            "the machine that started the run; install the same versions"
+        )
+    finder, warnings = _finder(chunk.run)
+    images = tuple(_predicted(source, chunk.run.folder, finder) for source in chunk.sources)
+    return Prediction(images, tuple(sorted(warnings)))
+
+
+def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
+    rest, run = iter(sources), Run(options, Path.cwd(), _software(), uuid4().hex)
+    while images := tuple(islice(rest, _IMAGES)):
+        yield Chunk(images, run)
+
+
+@cache
+def _software() -> str:
+    """Hexadecimal digest of the software that determines the results."""
+    digest = hashlib.sha256()
+    for package in (onnxruntime, cv2, np):
+        digest.update(f"{package.__name__} {package.__version__}".encode())
+    for path in source_files([__name__]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _finder(run: Run) -> tuple[ShaftFinder, set[str]]:
+    """A finder, and a set to which it adds its warnings."""
+    os.environ.setdefault("ORT_INTRA_OP_NUM_THREADS", "1")  # each core has a process of its own
+    warnings: set[str] = set()
+    finder = run.options.finder(warnings.add)
+    warnings.clear()  # whoever has started the run was warned of the options themselves
+    return finder, warnings
+
+
+def _predicted(source: Source, folder: Path, finder: ShaftFinder) -> PredictedImage:
+    if not isinstance(source, ImageFile | EmptyFolder):
+        return PredictedImage(
+            source.name,
+            error=f"{source.name}: neither an image nor a folder of images; predict it without "
+            "--workers",
+        )
+    found: list[FoundShaft] = []
+    errors: list[str] = []
+    image = replace(source, path=folder / source.path)
+    for_each_frame([image], lambda frame: found.extend(finder(frame.rgb)), errors.append)
+    return PredictedImage(source.name, tuple(found), "".join(errors))
+
+
+def _lost(source: Source) -> PredictedImage:
+    return PredictedImage(
+        source.name,
+        error=f"{source.name}: every process that predicted it died (out of memory?); predict it "
+        "without --workers",
+    )

@@ -1,0 +1,138 @@
+"""`shaftpose predict --workers` with real processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import psutil
+import pytest
+
+from shaftpose.cli import main
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
+
+CHUNK, IMAGES = 16, 40
+PATIENCE_S = 300.0  # enough for a busy machine
+
+
+@pytest.fixture
+def model(constant_model: Path) -> Path:
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    return constant_model
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """A folder of images of different sizes."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for number in range(IMAGES):
+        pixels = np.full((100, 100 + number, 3), 90, dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{number:06}.png"), pixels)
+    return folder
+
+
+def arguments(images: Path, model: Path, out: Path) -> list[str]:
+    """Of a prediction by two workers."""
+    return ["predict", str(images), "--model", str(model), "--out", str(out), "--workers", "2"]
+
+
+def wait_until(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, "it never came about"
+        time.sleep(0.05)
+
+
+def lines(out: Path) -> list[str]:
+    """The results so far."""
+    path = out / "predictions.jsonl"
+    return path.read_text().splitlines(keepends=True) if path.exists() else []
+
+
+@pytest.mark.parametrize("style", ["jsonl", "bop"])
+def test_results_are_those_of_one_process_and_a_bad_image_is_named(
+    style: str, images: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = images / ("000020.png" if style == "jsonl" else "unnumbered.png")
+    bad.write_bytes(b"no image" if style == "jsonl" else (images / "000000.png").read_bytes())
+    said, written = [], []
+    for out, extra in ((tmp_path / "alone", []), (tmp_path / "spread", ["--workers", "2"])):
+        with pytest.raises(SystemExit, match="^error: sources that failed, see above: 1$"):
+            main(["predict", str(images), "--model", str(model), "--out", str(out),
+                  "--format", style, *extra])  # fmt: skip
+        said.append(capsys.readouterr().err)
+        (file,) = out.iterdir()
+        written.append(file.read_bytes())
+    assert written[0] == written[1]
+    assert f"error: {bad}: " in said[0]
+    assert said[0] == said[1]
+
+
+def test_images_of_a_killed_worker_are_predicted_by_another(
+    images: Path, model: Path, tmp_path: Path
+) -> None:
+    """Both workers are killed while one of them waits for an image, which a pipe gives it."""
+    main(arguments(images, model, tmp_path / "undisturbed")[:-2])
+    late, out = images / "000025.png", tmp_path / "out"
+    pixels = late.read_bytes()
+    late.unlink()
+    os.mkfifo(late)
+    with ThreadPoolExecutor(1) as pool:
+        run = pool.submit(main, arguments(images, model, out))
+        wait_until(lambda: len(lines(out)) == CHUNK)
+        for process in psutil.Process().children(recursive=True):
+            if "spawn_main" in " ".join(process.cmdline()):
+                process.kill()
+        late.write_bytes(pixels)  # waits for the next worker
+        run.result(PATIENCE_S)
+    assert lines(out) == lines(tmp_path / "undisturbed")
+
+
+def test_ctrl_c_keeps_complete_results_and_ends_all_processes(
+    images: Path, model: Path, tmp_path: Path
+) -> None:
+    late, out = images / "000025.png", tmp_path / "out"
+    late.unlink()
+    os.mkfifo(late)
+    code = "import sys; from shaftpose.cli import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", code, *arguments(images, model, out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as running:
+        wait_until(lambda: len(lines(out)) == CHUNK)
+        processes = psutil.Process(running.pid).children(recursive=True)
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
+        _, said = running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 130
+    assert b"Traceback" not in said
+    assert len(lines(out)) == CHUNK and lines(out)[-1].endswith("}\n")
+    wait_until(lambda: not any(process.is_running() for process in processes))
+
+
+def test_a_scheduler_that_does_not_answer_leaves_no_wait(
+    images: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shaftpose.farm.workers._ANSWER_S", 0.2)
+    command = [*arguments(images, model, tmp_path / "out")[:-1], "tcp://127.0.0.1:9"]
+    with pytest.raises(SystemExit, match=r"^error: tcp://127\.0\.0\.1:9: no Dask scheduler"):
+        main(command)
+
+
+def test_pictures_are_not_drawn_by_workers(images: Path, model: Path, tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match="^error: --draw: not with --workers"):
+        main([*arguments(images, model, tmp_path / "out"), "--draw"])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("workers", ["0", "some"])
+def test_workers_are_a_number_or_an_address(workers: str, images: Path) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["predict", str(images), "--workers", workers])
+    assert ended.value.code == 2

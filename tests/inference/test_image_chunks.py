@@ -1,0 +1,133 @@
+"""Images in chunks, here predicted by this process."""
+
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import chdir
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
+from shaftpose.errors import InputError
+from shaftpose.inference import image_chunks
+from shaftpose.inference.finder_options import FinderOptions
+from shaftpose.inference.frames import Source
+from shaftpose.inference.image_chunks import Chunk, PredictedImage, Prediction, predicted_images
+from shaftpose.inference.image_files import ImageFile
+from shaftpose.inference.sources import sources
+
+Work = Callable[[Chunk], Prediction]
+Predicted = Iterator[tuple[Chunk, Prediction | None]]
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a worker has it: the threads of later tests stay as they are."""
+    monkeypatch.setenv("ORT_INTRA_OP_NUM_THREADS", "1")
+
+
+@pytest.fixture
+def options(constant_model: Path) -> FinderOptions:
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    return FinderOptions(str(constant_model), None, 95.0, None, None, "edges")
+
+
+@pytest.fixture
+def images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Source]:
+    """20 images, named from the current folder: two chunks."""
+    monkeypatch.chdir(tmp_path)
+    for number in range(20):
+        cv2.imwrite(f"{number:02}.png", np.full((30, 40, 3), 90, dtype=np.uint8))
+    return [ImageFile(Path(f"{number:02}.png")) for number in range(20)]
+
+
+def here(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+    for chunk in chunks:
+        yield chunk, work(chunk)
+
+
+def elsewhere(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+    """As processes of another folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        for chunk in list(chunks):
+            with chdir(folder):
+                result = work(chunk)
+            yield chunk, result
+
+
+def run(images: list[Source], options: FinderOptions, spread: image_chunks.Spread = here) -> tuple[
+    list[PredictedImage], list[str]
+]:  # fmt: skip
+    """The images, and the warnings."""
+    warnings: list[str] = []
+    return list(predicted_images(images, options, spread, warnings.append)), warnings
+
+
+def test_images_are_those_that_were_named(images: list[Source], options: FinderOptions) -> None:
+    found, _ = run(images, options, elsewhere)
+    assert [image.source for image in found] == [image.name for image in images]
+    assert all(len(image.shafts) == 1 and not image.error for image in found)
+
+
+def test_an_image_that_fails_is_named_and_the_rest_goes_on(
+    images: list[Source], options: FinderOptions, tmp_path: Path
+) -> None:
+    Path("07.png").write_text("no image")
+    (tmp_path / "empty").mkdir()
+    named = [*images, *sources(["empty", "film.mp4", "rtsp://camera"], [])]
+    found, _ = run(named, options)
+    errors = {image.source: image.error for image in found if image.error}
+    assert errors.keys() == {"07.png", "empty", "film.mp4", "rtsp://camera"}
+    assert errors["07.png"] == (
+        f"{tmp_path}/07.png: not a readable image; replace it with an intact PNG or JPEG"
+    )
+    assert "holds no image" in errors["empty"]
+    assert errors["film.mp4"].startswith("film.mp4: neither an image nor a folder of images")
+    with pytest.raises(InputError, match=r"07\.png: not a readable image"):
+        next(found[7].frames())
+
+
+def test_an_image_that_no_process_survives_costs_none_but_itself(
+    images: list[Source], options: FinderOptions
+) -> None:
+    def deadly(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+        for chunk in chunks:
+            dies = any(source.name == "03.png" for source in chunk.sources)
+            yield chunk, None if dies else work(chunk)
+
+    found, _ = run(images, options, deadly)
+    assert [image.source for image in found] == [image.name for image in images]
+    (lost,) = [image for image in found if image.error]
+    assert lost.error.startswith("03.png: every process that predicted it died")
+
+
+def test_a_run_loads_the_model_once(
+    images: list[Source], options: FinderOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loads, finder = [], FinderOptions.finder
+    monkeypatch.setattr(FinderOptions, "finder", lambda *a: loads.append(a) or finder(*a))
+    run(images, options)
+    assert len(loads) == 1
+    run(images, options)  # the model's file may be another one by now
+    assert len(loads) == 2
+
+
+def test_a_warning_about_frames_is_given_once(images: list[Source], options: FinderOptions) -> None:
+    _, warnings = run(images, replace(options, view_deg=60.0))
+    (warning,) = warnings  # the caller was warned of the unknown diameter when it checked options
+    assert warning.startswith("frames of 40 x 30 px fill only")
+
+
+def test_other_software_is_refused(
+    images: list[Source], options: FinderOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def older(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+        for chunk in chunks:
+            yield chunk, work(replace(chunk, run=replace(chunk.run, software="older")))
+
+    with pytest.raises(InputError, match="differ from those on the machine that started the run"):
+        run(images, options, older)
