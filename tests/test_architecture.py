@@ -45,6 +45,7 @@ OWNERS = {
         "src/shaftpose/sweep.py",
         "src/shaftpose/network/building.py",
     ),
+    "rerun": ("src/shaftpose/inference/rerun_file.py",),
     "trimesh": ("src/shaftpose/rendering/cad.py",),
 }
 LONGEST_STAGE = 40  # lines

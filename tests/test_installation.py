@@ -20,18 +20,19 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 HEAVY = [
     "bpy", "dask", "distributed", "dvc", "filelock", "hydra", "jinja2", "lightning", "matplotlib",
-    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "torch", "trimesh", "yaml",
+    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "rerun", "torch", "trimesh",
+    "yaml",
 ]  # fmt: skip
 # Import name -> distribution, where the names differ or the distribution pins the imported one.
 PACKAGES = {
     "cv2": "opencv-python-headless", "dask": "distributed", "hydra": "hydra-core",
-    "omegaconf": "hydra-core", "yaml": "pyyaml",
+    "omegaconf": "hydra-core", "rerun": "rerun-sdk", "yaml": "pyyaml",
 }  # fmt: skip
-# Extra -> parts of the package that need only this extra; the rest needs the pipeline's.
+# Extras -> parts of the package that need only these.
 PARTS = {
     "render": ["backgrounds", "rendering"],
     "train": ["dataset", "network", "training"],
-    "pipeline": [""],
+    "pipeline,rerun": [""],
 }
 
 # Runs the command line without some packages, then prints the names of the modules it loaded from
@@ -136,6 +137,13 @@ def test_workers_need_the_extra_cluster_alone(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert len((tmp_path / "found/predictions.jsonl").read_text().splitlines()) == 3
     assert required(["shaftpose[cluster]"]) <= required(["shaftpose[render]"])
+
+
+def test_recordings_need_the_extra_rerun(tmp_path: Path) -> None:
+    arguments = ("predict", str(FRAMES), "--rerun", "--out", str(tmp_path / "found"))
+    result = run_without(HEAVY, *arguments)
+    assert result.returncode == 1
+    assert "error: --rerun: needs Rerun: pip install 'shaftpose[rerun]'\n" in result.stderr
 
 
 def test_wheels_say_that_the_package_is_typed() -> None:

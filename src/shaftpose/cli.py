@@ -92,6 +92,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="folder for results (standard output)")
     parser.add_argument("--draw", action="store_true", help="also draw the frames, into --out")
     parser.add_argument(
+        "--rerun", action="store_true", help="also write a recording for Rerun's viewer, into --out"
+    )
+    parser.add_argument(
         "--workers", type=_workers, metavar="N|tcp://HOST:PORT",
         help="spread images over N processes, or the workers of a running Dask scheduler",
     )  # fmt: skip

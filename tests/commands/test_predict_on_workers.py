@@ -125,9 +125,12 @@ def test_a_scheduler_that_does_not_answer_leaves_no_wait(
         main(command)
 
 
-def test_pictures_are_not_drawn_by_workers(images: Path, model: Path, tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="^error: --draw: not with --workers"):
-        main([*arguments(images, model, tmp_path / "out"), "--draw"])
+@pytest.mark.parametrize("option", ["--draw", "--rerun"])
+def test_workers_write_nothing_but_results(
+    option: str, images: Path, model: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(SystemExit, match="^error: --draw, --rerun: not with --workers"):
+        main([*arguments(images, model, tmp_path / "out"), option])
     assert not (tmp_path / "out").exists()
 
 

@@ -12,6 +12,7 @@ import pytest
 from shaftpose.core.images import read_rgb
 from shaftpose.errors import InputError
 from shaftpose.inference.loading import load
+from tests.inference.test_calibration import FILE
 
 ROOT = Path(__file__).parents[2]
 FRAME = ROOT / "src/shaftpose/inference/demo_frame.jpg"
@@ -32,6 +33,15 @@ def test_what_is_unknown_is_said(caplog: pytest.LogCaptureFixture) -> None:
         shafts = load()(read_rgb(FRAME))
     assert "MILLIMETRES ARE NOT METRIC" in caplog.text
     assert not any(shaft.metric for shaft in shafts)
+
+
+def test_a_frames_matrix_is_that_of_its_camera(tmp_path: Path) -> None:
+    calibration = tmp_path / "cam.yaml"
+    calibration.write_text(FILE)
+    matrix = load(camera=calibration).camera_matrix(np.zeros((480, 640, 3), dtype=np.uint8))
+    # Centres of pixels are at integer + 0.5 here; the distortion fades towards the axis.
+    expected = [[500, 0, 321], [0, 510, 239.75], [0, 0, 1]]
+    np.testing.assert_allclose(matrix, expected, rtol=1e-3)
 
 
 def test_a_model_that_is_not_there_is_named() -> None:

@@ -12,7 +12,7 @@ EXAMPLES = ("demo_frame.jpg", "demo_film.mp4")
 OPTIONS = {
     "model": None, "score": None, "refine": "edges", "camera": None, "view_deg": 95.0,
     "diameter_mm": 3.0, "track": True, "format": "jsonl", "draw": True,
-    "workers": None,
+    "rerun": False, "workers": None,
 }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,9 +17,10 @@ from shaftpose.inference.formats import FORMATS
 from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import PredictedImage, predicted_images
 from shaftpose.inference.model_files import model_file
-from shaftpose.inference.outputs import outputs
+from shaftpose.inference.outputs import Write, outputs
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.result_stream import result_stream
+from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.sources import sources
 from shaftpose.inference.tracker import Tracker
 
@@ -30,6 +32,8 @@ def run(options: argparse.Namespace) -> None:
     """
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
+    if options.rerun and options.out is None:
+        raise InputError("--rerun: needs a folder for the recording; name one by --out")
     failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
     if failed:
         raise InputError(f"sources that failed, see above: {failed}")
@@ -41,8 +45,9 @@ def _predict_alone(options: argparse.Namespace) -> int:
     named = named_sources(options.sources)
     tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style, drawings = FORMATS[options.format], options.out if options.draw else None
+    recording = _recording(options.out, finder) if options.rerun else None
     with (
-        outputs(options.out, style, drawings) as write,
+        outputs(options.out, style, drawings, recording) as write,
         progress_bar(named, hidden=options.out is None) as bar,
     ):
 
@@ -57,10 +62,11 @@ def _predict_alone(options: argparse.Namespace) -> int:
 def _predict_on_workers(options: argparse.Namespace) -> int:
     """Predict images on Dask workers; returns how many sources failed.
 
-    Raises InputError if Dask is missing, the scheduler does not answer or pictures are asked for.
+    Raises InputError if Dask is missing, the scheduler does not answer or more than results is
+    asked for.
     """
-    if options.draw:
-        raise InputError("--draw: not with --workers; leave out one of them")
+    if options.draw or options.rerun:
+        raise InputError("--draw, --rerun: not with --workers; leave out one or the other")
     try:
         from shaftpose.farm.ordered_tasks import in_order
         from shaftpose.farm.workers import client_of
@@ -82,6 +88,15 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
 
             images = predicted_images(named, chosen, partial(in_order, client), warn)
             return for_each_frame(images, write, report)
+
+
+def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Write]:
+    """A recording for Rerun's viewer. Raises InputError if Rerun is missing."""
+    try:
+        from shaftpose.inference.rerun_file import rerun_file
+    except ImportError as error:
+        raise InputError("--rerun: needs Rerun: pip install 'shaftpose[rerun]'") from error
+    return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
 
 
 def _finder_options(options: argparse.Namespace) -> FinderOptions:

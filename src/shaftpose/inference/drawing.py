@@ -29,8 +29,12 @@ def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
         tip, end = subpixel_grid(shaft.axis_px).tolist()
         cv2.line(drawn, tip, end, FOUND, thickness, cv2.LINE_AA, bits)
         cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, thickness, cv2.LINE_AA, bits)
-        number = "" if shaft.track is None else f"{shaft.track}: "
-        text = number + pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
         below = round((8 + LINE_PX * row) * scale)
-        write_text(drawn, text, (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
+        write_text(drawn, shaft_text(shaft), (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
     return drawn
+
+
+def shaft_text(shaft: FoundShaft) -> str:
+    """A shaft's number, if it has one, and pose (mm, deg); marked if that is not metric."""
+    number = "" if shaft.track is None else f"{shaft.track}: "
+    return number + pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")

@@ -14,6 +14,7 @@ from shaftpose.inference.frame_cameras import Views
 from shaftpose.inference.views import View
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
+_STEP_PX = 0.01  # so near to the axis, no lens distorts
 
 
 class ShaftFinder:
@@ -67,6 +68,15 @@ class ShaftFinder:
         """The images (2, 2) of a pose's tip and axis in a frame (H, W, 3)."""
         height, width = rgb.shape[:2]
         return axis_px(pose, self._predictor.camera, self._views(width, height))
+
+    def camera_matrix(self, rgb: Image) -> Array:
+        """The intrinsic matrix (3, 3) of a frame (H, W, 3), whose lens may distort it besides; that
+        of the model's camera if the frame's is unknown."""
+        model, (height, width) = self._predictor.camera, rgb.shape[:2]
+        near = np.array([model.cx, model.cy]) + _STEP_PX * np.array([[0, 0], [1, 0], [0, 1]])
+        centre, right, below = self._views(width, height).image_px(near)
+        focal_x, focal_y = model.focal_px / _STEP_PX * (right - centre + below - centre)
+        return np.array([[focal_x, 0, centre[0]], [0, focal_y, centre[1]], [0, 0, 1]])
 
     def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:
         pose = self._scaled(ShaftPose.from_array(values))
