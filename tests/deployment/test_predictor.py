@@ -12,7 +12,7 @@ from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.errors import InputError
 from tests.conftest import write_constant_model
-from tests.deployment.refinement.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
+from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
 
 def test_empty_places_are_left_out(constant_model: Path) -> None:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from shaftpose.core.batches import Targets
+from shaftpose.core.contour import Shaft
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.dense_decoding import decode
@@ -178,7 +179,7 @@ def test_the_border_weighs_ten_times_as_much() -> None:
 
 def test_the_network_learns_one_image_by_heart() -> None:
     torch.manual_seed(0)
-    network = DenseNetwork((8, 8, 8, 16), PINHOLE)
+    network = DenseNetwork((8, 8, 8, 16), PINHOLE, Shaft(DIAMETER_MM, LENGTH_MM))
     targets = targets_of(POSES)
     assert targets.instances is not None
     image = (targets.instances[:, None] > 0).float().expand(-1, 3, -1, -1) * 2 - 1

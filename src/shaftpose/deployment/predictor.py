@@ -8,11 +8,11 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from shaftpose.core.contour import Shaft
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.padding import unpadded
 from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.refinement.contour import Shaft
 from shaftpose.deployment.refinement.refiner import Refinement, Refiner
 from shaftpose.errors import InputError
 

@@ -2,19 +2,23 @@
 
 It predicts a mask of all shafts at half the image's resolution. At a quarter it predicts a heat map
 of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
-direction of the axis.
+direction of the axis. An edge reader, which shares nothing with it but the images, is trained with
+it.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from shaftpose.core.batches import Targets
+from shaftpose.core.contour import Shaft
 from shaftpose.network.dense_decoding import decode
 from shaftpose.network.dense_loss import loss_terms
+from shaftpose.network.edge_reader import EdgeReader
+from shaftpose.network.edge_samples import edge_samples
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
 from shaftpose.settings.parts import (
@@ -30,21 +34,25 @@ _RARE = -4.0  # initial logit of a tip
 
 
 class DenseOutputs(NamedTuple):
-    """mask: (B, 1, 150, 150) logits of a shaft; maps: (B, 7, 75, 75), see `dense_targets`."""
+    """mask: (B, 1, 150, 150) logits of a shaft; maps: (B, 7, 75, 75), see `dense_targets`; images:
+    the network's input, which the edge reader reads where it is told to."""
 
     mask: Tensor
     maps: Tensor
+    images: Tensor
 
 
 class DenseNetwork(PoseNetwork):
-    """The U-Net. `channels`: of the levels at 1/2, 1/4, ... of the image's resolution."""
+    """The U-Net, and the edge reader. `channels`: of the levels at 1/2, 1/4, ... of the image's
+    resolution; shaft: None if its outline is not known, so that there is no edge reader."""
 
     needs_instances = True
     has_mask = True
 
-    def __init__(self, channels: Sequence[int], pinhole: Pinhole) -> None:
+    def __init__(self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None) -> None:
         super().__init__()
-        self.pinhole = pinhole
+        self.pinhole, self.shaft = pinhole, shaft
+        self.edges = None if shaft is None else EdgeReader()
         before = (3, *channels[:-1])
         self.down = nn.ModuleList(
             nn.Sequential(conv_norm_relu(i, o, 2), *([Residual(o)] if i > 3 else []))
@@ -73,11 +81,16 @@ class DenseNetwork(PoseNetwork):
             x = self.up[level](torch.cat([x, fine], dim=1))
             if level == 1:
                 maps = self.maps(x)
-        return DenseOutputs(self.mask(x), maps)
+        return DenseOutputs(self.mask(x), maps, images)
 
     def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
-        """The loss and its mask, tip and pose terms."""
-        return loss_terms(outputs.mask, outputs.maps, targets, self.pinhole)
+        """The loss and its mask, tip, pose and edge terms."""
+        terms = loss_terms(outputs.mask, outputs.maps, targets, self.pinhole)
+        if self.edges is None or self.shaft is None:
+            return terms
+        samples = edge_samples(outputs.images, targets, self.shaft, self.pinhole.camera)
+        edge = self.edges.loss(samples)
+        return {**terms, "loss": terms["loss"] + edge, "edge": edge}
 
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
         """One instrument per peak of the tip heat map."""
@@ -123,6 +136,15 @@ def dense_network(
     poses: PoseRanges,
     loss: LossSettings,
     channels: Sequence[int],
+    shaft: Mapping[str, Any],
+    distortion: Mapping[str, Sequence[float]],
 ) -> DenseNetwork:
-    """Build the network; of the settings it uses only the camera."""
-    return DenseNetwork(channels, Pinhole(camera.size_px, camera.view_deg))
+    """Build the network.
+
+    shaft, distortion: `shaft` and `lens.distortion` of params.yaml. The outline of an instrument
+    from a CAD file, or through a distorting lens, is not known.
+    """
+    known = not shaft["cad"] and not any(map(any, distortion.values()))
+    outlined = Shaft(shaft["diameter_mm"], shaft["length_mm"], shaft["tip"] == "flat")
+    pinhole = Pinhole(camera.size_px, camera.view_deg)
+    return DenseNetwork(channels, pinhole, outlined if known else None)

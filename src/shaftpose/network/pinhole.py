@@ -5,6 +5,8 @@ import math
 import torch
 from torch import Tensor
 
+from shaftpose.core.geometry import Camera
+
 
 class Pinhole:
     """Projects between mm and pixels; the paper's camera has 299 x 299 px and 95 deg."""
@@ -13,6 +15,12 @@ class Pinhole:
         self.side_px = side_px
         self.focal_px = side_px / (2 * math.tan(math.radians(view_deg) / 2))
         self.centre_px = side_px / 2
+
+    @property
+    def camera(self) -> Camera:
+        """The same camera for NumPy."""
+        centre = self.centre_px
+        return Camera(self.side_px, self.side_px, self.focal_px, centre, centre)
 
     def project(self, points: Tensor) -> Tensor:
         """(..., 3) mm -> (..., 2) px, with pixel centres at + 0.5."""

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from shaftpose.deployment.refinement.bound import pose_bound
-from tests.deployment.refinement.silhouettes import CAMERA, SHAFT
+from tests.core.silhouettes import CAMERA, SHAFT
 
 
 def test_bound_of_a_shaft_across_the_view() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.deployment.refinement.contour import Contour
+from shaftpose.core.contour import Contour
 from shaftpose.deployment.refinement.edges import (
     INSIDE_PX,
     Offsets,
@@ -32,7 +32,8 @@ def middle(angle: float) -> Contour:
     normal = np.array([np.cos(angle), np.sin(angle)])
     along = np.linspace(-15, 15, 31)[:, None] * [-normal[1], normal[0]]
     normals = np.repeat(normal[None], 31, axis=0)
-    return Contour(SIDE_PX / 2 + along, normals, np.ones(31), np.zeros((31, 5)))
+    parts = np.zeros(31, np.intp)
+    return Contour(SIDE_PX / 2 + along, normals, np.ones(31), np.zeros((31, 5)), parts)
 
 
 def mask_errors(angle: float, reach_px: float) -> list[float]:

@@ -4,10 +4,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from shaftpose.deployment.refinement.contour import Array, Contour
+from shaftpose.core.contour import Array, Contour
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
 from shaftpose.deployment.refinement.fit import EDGE_PX, Fit, Search, Stage, fit_pose
-from tests.deployment.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
+from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 # Of the tip in px, the logarithm of its depth, and both angles in deg.
 LOOSE, USUAL = np.array([1e3, 1e3, 10.0, 1e3, 1e3]), np.array([5.0, 5.0, 0.2, 12.0, 10.0])

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import mask_box
 from shaftpose.core.instruments import Detections
 from shaftpose.deployment.refinement.refiner import Refinement, Refiner
-from tests.deployment.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
+from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 OFF = np.array([0.5, -0.4, 1.5, 5.0, -4.0])
 NEAR = np.array([0.05, 0.05, 0.3, 0.8, 0.3])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shaftpose.deployment.refinement.support import distinct, supported
-from tests.deployment.refinement.silhouettes import CAMERA, POSES, SHAFT, soft_mask
+from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 TRUE = POSES[0]
 AXIS = np.array([0.72, 0.604, -0.342])  # sin 70 cos 40, sin 70 sin 40, -cos 70 deg

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from shaftpose.core.contour import Array, Shaft, shaft_contour
 from shaftpose.core.geometry import Camera
-from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 
 # Of a plain shaft on plain tissue, grey levels: the step at its edge and the noise of each pixel.
 _CONTRAST, _NOISE = 60.0, 5.0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.deployment.refinement.contour import Array, Contour
+from shaftpose.core.contour import Array, Contour
 
 _STEP_PX = 0.5  # between the samples of a profile
 _GRADIENT_NOISE = 15.0  # grey levels per px; weaker edges count less

@@ -5,14 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shaftpose.core.angles import signed_deg, unsigned_deg
+from shaftpose.core.angles import signed_deg
+from shaftpose.core.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.core.fit_parameters import derivatives, moved, parameters
 from shaftpose.core.geometry import Camera
-from shaftpose.deployment.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import Offsets
 
-# The parameters of a fit are the tip in the image (px, px), the logarithm of its depth, pitch and
-# yaw (deg): a network errs along the ray through the tip far more than across it.
-_LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])
+_LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])  # of the parameters
 # Standard deviation of the offset of an edge 1 px long; of one n px long, it is this by root n.
 # Neighbours share their errors, so it is larger than that of a single sample.
 EDGE_PX = 1.0
@@ -43,7 +42,7 @@ class Fit(NamedTuple):
 
     def covariance(self) -> Array:
         """The covariance (5, 5) of the pose."""
-        spread = _spread(self.pose, self.camera)
+        spread = derivatives(self.pose, self.camera)
         return spread @ np.linalg.inv(self.information) @ spread.T
 
     def information_in(self, camera: Camera) -> Array:
@@ -89,10 +88,10 @@ def fit_pose(
             continue
         weighted = edges.motion.T * edges.information
         promised = weighted @ edges.motion
-        away = _parameters(centre, camera) - _parameters(pose, camera)
+        away = parameters(centre, camera) - parameters(pose, camera)
         away[4] = signed_deg(away[4])
         step = np.linalg.solve(promised + held, weighted @ edges.offsets + held @ away)
-        pose = _moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
+        pose = moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
         return None
     return Fit(pose, promised / understated**2 + held / UNDERSTATED**2, camera)
@@ -110,27 +109,5 @@ def _edges(
     weights = offsets.weights * contour.lengths * near
     if weights.sum() < _LEAST_PX:
         return None
-    motion = contour.motion @ _spread(pose, camera)
+    motion = contour.motion @ derivatives(pose, camera)
     return _Edges(offsets.px, weights / EDGE_PX**2, motion)
-
-
-def _parameters(pose: Array, camera: Camera) -> Array:
-    return np.array([*camera.project(pose[:3]), np.log(pose[2]), *pose[3:]])
-
-
-def _spread(pose: Array, camera: Camera) -> Array:
-    """Derivatives (5, 5) of the pose by the parameters."""
-    spread = np.eye(5)
-    spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
-    spread[:3, 2] = pose[:3]
-    return spread
-
-
-def _moved(pose: Array, step: Array, camera: Camera) -> Array:
-    """The pose after a step of the parameters, with its pitch in [0, 180] deg."""
-    u, v, log_depth, pitch, yaw = _parameters(pose, camera) + step
-    if not 0 <= pitch <= 180:  # the axis has passed the line of sight
-        pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
-    depth = np.exp(log_depth)
-    x, y = (np.array([u, v]) - [camera.cx, camera.cy]) / camera.focal_px * depth
-    return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.contour import Array, Shaft, shaft_contour
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.refinement import Refinement
-from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import (
     INSIDE_PX,
     Gradients,

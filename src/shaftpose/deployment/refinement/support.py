@@ -7,8 +7,8 @@ The mask's edges tell more.
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.contour import Array, Shaft, shaft_contour
 from shaftpose.core.geometry import Camera, projected_axes
-from shaftpose.deployment.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.deployment.refinement.edges import mask_contrast
 
 _REACH_PX = 4.0

@@ -13,7 +13,7 @@ from shaftpose.core.geometry import Camera, axis_direction
 
 Array = NDArray[np.float64]
 
-_LINE_SAMPLES, _ARC_SAMPLES = 40, 24
+LINE_SAMPLES, _ARC_SAMPLES = 40, 24  # the arc has fewer than a line
 _END_ON = 1e-6  # least px by which a line's image moves with each mm
 _FAR_PX = 1e9
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
@@ -37,23 +37,31 @@ class Contour(NamedTuple):
 
     points: (N, 2) px; normals: (N, 2), unit vectors out of the silhouette; lengths: (N,) px of
     contour that each stands for; motion: (N, 5), displacement along the normals in px for each mm
-    and deg of the pose.
+    and deg of the pose; parts: (N,), 0 and 1 on the lines, from the tip outwards, 2 on the arc.
     """
 
     points: Array
     normals: Array
     lengths: Array
     motion: Array
+    parts: NDArray[np.intp]
+
+
+_NO_CONTOUR = Contour(
+    np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 5)), np.empty(0, np.intp)
+)
 
 
 class _Part(NamedTuple):
     """A part of a contour: points (N, 3) on the shaft in mm, directions (N, 3) out of the shaft,
-    tangents (N, 2) in the image, and the lengths (N,) px that the points stand for."""
+    tangents (N, 2) in the image, the lengths (N,) px that the points stand for, and which part of
+    a `Contour` it is, (N,)."""
 
     points: Array
     outward: Array
     tangents: Array
     lengths: Array
+    number: NDArray[np.intp]
 
 
 def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
@@ -67,7 +75,7 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     if not (
         np.isfinite(pose).all() and distance > 1.001 * radius and tip[2] > radius + _LEAST_DEPTH_MM
     ):
-        return Contour(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 5)))
+        return _NO_CONTOUR
     away = across / distance
     aside = _cross(axis[None], away[None])[0]
     lean = np.arcsin(radius / distance)  # between a touching plane and the plane of the axis
@@ -75,12 +83,12 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     parts = [_lines(tip + radius * contacts, contacts, axis, shaft.length_mm, camera)]
     if shaft.flat_tip:
         parts.append(_arc(tip, axis, radius, away, aside, lean, camera))
-    points, outward, tangents, lengths = (np.concatenate(same) for same in zip(*parts, strict=True))
+    points, outward, tangents, lengths, numbers = map(np.concatenate, zip(*parts, strict=True))
     normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
     moved = np.sum(_by_point(points, normals, camera) * outward, axis=1)
     normals *= np.where(moved < 0, -1.0, 1.0)[:, None]
     motion = _motion(points, normals, pose, camera)
-    return Contour(camera.project(points), normals, lengths, motion)
+    return Contour(camera.project(points), normals, lengths, motion, numbers)
 
 
 def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera: Camera) -> _Part:
@@ -98,13 +106,12 @@ def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera
     low, high = _inside(camera.project(starts), directions, camera)
     low, high = np.maximum(low, 0.0) + _MARGIN_PX, np.minimum(high, most) - _MARGIN_PX
     seen = (low < high)[:, 0] & (speeds > _END_ON)[:, 0]
-    px = low + (high - low) * np.linspace(0, 1, _LINE_SAMPLES)
+    px = low + (high - low) * np.linspace(0, 1, LINE_SAMPLES)
     t = px * depths / (speeds - px * axis[2])
     points = (starts[:, None] + t[..., None] * axis)[seen].reshape(-1, 3)
-    lengths = ((high - low) / _LINE_SAMPLES)[seen, 0]
-    of_each = (np.repeat(of_line, _LINE_SAMPLES, axis=0)
-               for of_line in (contacts[seen], directions[seen], lengths))  # fmt: skip
-    return _Part(points, *of_each)
+    lengths = ((high - low) / LINE_SAMPLES)[seen, 0]
+    of_lines = contacts[seen], directions[seen], lengths, np.flatnonzero(seen)
+    return _Part(points, *(np.repeat(of_line, LINE_SAMPLES, axis=0) for of_line in of_lines))
 
 
 def _inside(starts: Array, directions: Array, camera: Camera) -> tuple[Array, Array]:
@@ -138,7 +145,9 @@ def _arc(
     across = np.abs(tangents @ np.array([-course[1], course[0]]))
     kept = across > _FACING * max(float(np.linalg.norm(course)), 1e-9)
     kept &= camera.shows(camera.project(rims)) & (speeds > 1e-9)
-    return _Part(rims[kept], (radial - axis)[kept], tangents[kept], lengths[kept])
+    return _Part(
+        rims[kept], (radial - axis)[kept], tangents[kept], lengths[kept], np.full(kept.sum(), 2)
+    )
 
 
 def _by_point(points: Array, normals: Array, camera: Camera) -> Array:

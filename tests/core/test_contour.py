@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.contour import shaft_contour
 from shaftpose.core.geometry import axis_direction
-from shaftpose.deployment.refinement.contour import shaft_contour
-from tests.deployment.refinement.silhouettes import CAMERA, FINER, POSES, SHAFT, SIDE_PX, fine_mask
+from tests.core.silhouettes import CAMERA, FINER, POSES, SHAFT, SIDE_PX, fine_mask
 
 Array = NDArray[np.float64]
 
@@ -85,4 +85,4 @@ def test_a_line_ends_with_the_shaft() -> None:
 )
 def test_poses_without_a_contour(pose: list[float]) -> None:
     contour = shaft_contour(np.array(pose), SHAFT, CAMERA)
-    assert [len(part) for part in contour] == [0, 0, 0, 0]
+    assert [len(part) for part in contour] == [0, 0, 0, 0, 0]

@@ -1,0 +1,73 @@
+"""E's edge reader: finds the outline of a shaft near a supposed one, and how sure it is of it.
+
+It reads strips of the image along the supposed outline (`core.outline_strips`). Edges of highlights
+inside the metal, of shadows and of other shafts are often stronger than the outline: the reader
+learns which edge is meant.
+"""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.core.outline_strips import COLUMNS, MIDDLE
+from shaftpose.network.edge_samples import EdgeSamples
+
+_FINE, _CHANNELS = 16, 64
+_DILATIONS = (1, 2, 4, 8)  # along the outline
+_LOG_SCALES = (-4.0, 3.0)
+_PLAIN = 0.1  # weight of the loss that does not depend on the scales
+
+
+class EdgeReader(nn.Module):
+    """Two convolutions on the strip, then, with the columns as channels, convolutions along it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fine = nn.Sequential(
+            *_layer(3, _FINE, (3, 3)),
+            *_layer(_FINE, _FINE, (3, 3), stride=(1, 2)),
+            *_layer(_FINE, _CHANNELS, (1, (COLUMNS + 1) // 2), padded=False),
+        )
+        self.along = nn.Sequential(*(_Residual(dilation) for dilation in _DILATIONS))
+        self.values = nn.Conv2d(_CHANNELS, 2, 1)
+
+    def forward(self, strips: Tensor) -> tuple[Tensor, Tensor]:
+        """(M, 3, ROWS, COLUMNS) in [-1, 1] -> offsets (M, ROWS) of the outline, in columns from
+        the middle one, and the logarithms (M, ROWS) of the mean errors of these offsets."""
+        offsets, log_scales = self.values(self.along(self.fine(strips)))[..., 0].unbind(1)
+        return MIDDLE * torch.tanh(offsets / MIDDLE), log_scales.clamp(*_LOG_SCALES)
+
+    def loss(self, samples: EdgeSamples) -> Tensor:
+        """Negative log-likelihood of Laplace distributions, plus a share of smooth L1; scalar."""
+        offsets, log_scales = self(samples.colours)
+        errors = (offsets.float() - samples.offsets).abs()
+        plain = functional.smooth_l1_loss(errors, torch.zeros_like(errors), reduction="none")
+        losses = errors * torch.exp(-log_scales.float()) + log_scales.float() + _PLAIN * plain
+        return (losses * samples.known).sum() / samples.known.sum().clamp(min=1)
+
+
+class _Residual(nn.Module):
+    def __init__(self, dilation: int) -> None:
+        super().__init__()
+        self.first = nn.Sequential(*_layer(_CHANNELS, _CHANNELS, (5, 1), dilation=(dilation, 1)))
+        self.second = nn.Sequential(*_layer(_CHANNELS, _CHANNELS, (5, 1))[:-1])
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(M, channels, ROWS, 1) -> the same shape."""
+        return functional.relu(x + self.second(self.first(x)))
+
+
+def _layer(
+    in_channels: int,
+    channels: int,
+    kernel: tuple[int, int],
+    stride: tuple[int, int] = (1, 1),
+    dilation: tuple[int, int] = (1, 1),
+    padded: bool = True,
+) -> list[nn.Module]:
+    """A convolution, batch normalisation and ReLU."""
+    padding = [d * (k // 2) * padded for k, d in zip(kernel, dilation, strict=True)]
+    convolution = nn.Conv2d(
+        in_channels, channels, kernel, stride, (padding[0], padding[1]), dilation, bias=False
+    )
+    return [convolution, nn.BatchNorm2d(channels), nn.ReLU(inplace=True)]

@@ -1,0 +1,97 @@
+"""Training samples of the edge reader, and what it learns from them."""
+
+import numpy as np
+import torch
+
+from shaftpose.core.batches import Targets
+from shaftpose.core.contour import shaft_contour
+from shaftpose.core.fit_parameters import moved
+from shaftpose.core.outline_strips import COLUMNS, MIDDLE, ROWS
+from shaftpose.network.edge_reader import EdgeReader
+from shaftpose.network.edge_samples import covered, edge_samples, true_offsets
+from tests.core.silhouettes import CAMERA, POSES, SHAFT, SIDE_PX, fine_mask, soft_mask
+
+
+def batch(poses: list[np.ndarray]) -> tuple[torch.Tensor, Targets]:
+    """An image for each pose, white shafts on black, and the targets."""
+    masks = torch.from_numpy(np.stack([soft_mask(pose) for pose in poses]))
+    images = (2 * masks - 1)[:, None].expand(-1, 3, -1, -1)
+    count = len(poses)
+    return images, Targets(
+        boxes=torch.zeros(count, 1, 4),
+        poses=torch.tensor(np.stack(poses))[:, None].float(),
+        valid=torch.ones(count, 1, dtype=torch.bool),
+        has_pose=torch.ones(count, dtype=torch.bool),
+    )
+
+
+def test_covered_pixels_are_those_whose_rays_meet_the_cylinder() -> None:
+    centres = np.moveaxis(np.mgrid[:SIDE_PX, :SIDE_PX][::-1] + 0.5, 0, -1)
+    for pose in POSES:
+        np.testing.assert_array_equal(covered(centres, pose, SHAFT, CAMERA), fine_mask(pose, 1))
+
+
+def test_offsets_lead_to_the_true_outline() -> None:
+    """Against the motion of the contour, which a small step of the pose follows."""
+    for pose in POSES:
+        step = np.array([0.3, -0.2, 0.01, 0.5, -0.4])
+        contour = shaft_contour(moved(pose, step, CAMERA), SHAFT, CAMERA)
+        offsets = true_offsets(contour, pose, SHAFT, CAMERA, reach_px=3.0)
+        there = moved(pose, step, CAMERA)
+        predicted = contour.motion @ (pose - there)
+        known = np.isfinite(offsets)
+        assert known.mean() > 0.9
+        assert np.median(np.abs(offsets - predicted)[known]) < 0.03
+
+
+def test_offsets_beyond_the_reach_are_unknown() -> None:
+    contour = shaft_contour(POSES[0] + [2.0, 2.0, 0.0, 0.0, 0.0], SHAFT, CAMERA)
+    offsets = true_offsets(contour, POSES[0], SHAFT, CAMERA, reach_px=2.0)
+    assert np.isnan(offsets).mean() > 0.5
+    assert np.nanmax(np.abs(offsets)) <= 2.0
+
+
+def test_in_the_samples_the_step_from_white_to_black_is_at_the_offset() -> None:
+    torch.manual_seed(1)
+    samples = edge_samples(*batch([POSES[0], POSES[1]]), SHAFT, CAMERA)
+    assert samples.colours.shape[1:] == (3, ROWS, COLUMNS)
+    white = samples.colours[:, 0].clamp(-1, 1) > 0
+    steps = white.sum(-1) - MIDDLE - 0.5
+    # Rows whose innermost columns lie beyond the opposite edge of a thin shaft begin black.
+    known = samples.known & white[..., 0]
+    assert known.float().mean() > 0.4
+    assert (steps - samples.offsets)[known].abs().median() < 0.5
+    assert samples.offsets[known].abs().max() <= MIDDLE - 2
+
+
+def test_images_without_poses_have_no_samples() -> None:
+    images, targets = batch([POSES[0]])
+    unknown = targets._replace(has_pose=torch.zeros(1, dtype=torch.bool))
+    samples = edge_samples(images, unknown, SHAFT, CAMERA)
+    assert len(samples.colours) == 0
+    assert EdgeReader().loss(samples).item() == 0
+
+
+def test_samples_depend_on_torchs_seed_alone() -> None:
+    images, targets = batch([POSES[0]])
+    drawn = []
+    for seed in (3, 3, 4):
+        torch.manual_seed(seed)
+        drawn.append(edge_samples(images, targets, SHAFT, CAMERA).offsets)
+    assert torch.equal(drawn[0], drawn[1])
+    assert drawn[0].shape != drawn[2].shape or not torch.equal(drawn[0], drawn[2])
+
+
+def test_the_reader_learns_where_an_outline_is() -> None:
+    torch.manual_seed(0)
+    reader, (images, targets) = EdgeReader(), batch(list(POSES[:3]))
+    optimizer = torch.optim.Adam(reader.parameters(), lr=3e-3)
+    for _ in range(40):
+        loss = reader.loss(edge_samples(images, targets, SHAFT, CAMERA))
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    samples = edge_samples(images, targets, SHAFT, CAMERA)
+    offsets, _ = reader(samples.colours)
+    errors = (offsets - samples.offsets).abs()[samples.known]
+    assert errors.median() < 0.5 * samples.offsets.abs()[samples.known].median()
