@@ -250,6 +250,39 @@ def test_a_damaged_polygon_is_named(tmp_path: Path, polygon: object) -> None:
     assert "x, y, x, y" in message
 
 
+@pytest.mark.parametrize(
+    ("polygon", "at"),
+    [
+        ([10, 5, 30, 35, 30, 5, 10, 35], "20.0, 20.0"),  # a bow tie
+        ([10, 5, 30, 5, 30, 35, 20, 0, 10, 35], "21.4, 5.0"),  # 35 down to 0 over 10: 5 at 150 / 7
+    ],
+)
+def test_a_polygon_that_crosses_itself_is_named(
+    tmp_path: Path, polygon: list[int], at: str
+) -> None:
+    content = coco_content()
+    content["annotations"][0]["segmentation"].append(polygon)
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[0].segmentation[1]: two of its sides cross at x, y = " + at in message
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [10, 5, 10, 5, 30, 5, 30, 35, 10, 35, 10, 5],  # corners stated twice
+        [10, 5, 20, 5, 30, 5, 30, 35, 10, 35],  # a corner on a straight side
+        [10, 5, 30, 5, 30, 35, 10, 35, 10, 5, 15, 10, 15, 30, 25, 30, 25, 10, 15, 10],  # a hole
+        [10, 5, 30, 5, 30, 35, 20, 5, 10, 35],  # a corner that touches another side
+        [10, 5, 30, 5, 30, 35, 30, 39, 30, 35, 10, 35],  # a thorn
+    ],
+)
+def test_a_polygon_may_touch_itself(tmp_path: Path, polygon: list[int]) -> None:
+    content = coco_content()
+    content["annotations"][0]["segmentation"] = [polygon]
+    shaft = read_coco(write_dataset(tmp_path, content))[1].instruments[0]
+    assert shaft.mask is not None
+
+
 def run_lengths(*counts: int, size: tuple[int, int] = (40, 60)) -> dict[str, object]:
     return {"counts": list(counts), "size": list(size)}
 

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, AliasPath, ConfigDict, Field
 from shaftpose.core.geometry import mask_box
 from shaftpose.core.images import Image, centre_square, read_rgb
 from shaftpose.dataset import run_lengths
+from shaftpose.dataset.polygons import crossing
 from shaftpose.dataset.run_lengths import RunLengths
 from shaftpose.errors import InputError
 from shaftpose.json_files import write_json
@@ -220,6 +221,11 @@ def _polygon(points: Any, where: str) -> NDArray[np.float64]:
         raise InputError(
             f"{where}: must hold x and y of three points or more, x, y, x, y, ..., none farther "
             f"than {_FARTHEST_PX:,} px; mend the polygon"
+        )
+    if (at := crossing(values)) is not None:
+        raise InputError(
+            f"{where}: two of its sides cross at x, y = {at[0]:.1f}, {at[1]:.1f}; move its "
+            "corners, or write two polygons"
         )
     return values
 
