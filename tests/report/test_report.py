@@ -13,6 +13,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
+from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.summary import ErrorSummary, Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
@@ -121,6 +122,26 @@ def test_intervals_and_spreads_are_shown_where_they_were_computed(report: Ablati
         "D", "0.700 to 0.900", "n/a", "0.500", "1.00; 4.00 (1.25 to 1.75)", "n/a",
     ]  # fmt: skip
     assert title in to_html(with_summary) and "1.00; 4.00 (1.25 to 1.75)" in to_html(with_summary)
+
+
+def test_the_bias_of_the_depth_is_shown_where_it_was_measured(report: AblationReport):
+    assert "Near and far" not in to_markdown(report) and "Near and far" not in to_html(report)
+    depths = (
+        ErrorBin(10, 25, 9, 1.0, 1.0, z_bias_mm=1.204),
+        ErrorBin(25, 40, 9, 1.0, 1.0, z_bias_mm=-0.5),
+        ErrorBin(40, 55, 4, 1.0, 1.0, z_bias_mm=9.9),  # too few
+    )
+    older = tuple(replace(one, z_bias_mm=None) for one in depths)
+    c, d, *_ = report.rows
+    measured = replace(report, rows=[replace(c, depths=older), replace(d, depths=depths)])
+    text = to_markdown(measured).split("Near and far")[1].split("Table II")[0]
+    assert markdown_line(text, "| Variant") == [
+        "Variant", "10 to 25 mm", "25 to 40 mm", "40 to 55 mm",
+    ]  # fmt: skip
+    assert markdown_line(text, "| D |") == ["D", "+1.20", "-0.50", "n/a"]
+    assert "| C |" not in text
+    assert "+1.20" in to_html(measured)
+    assert json.loads(to_json(measured))["rows"][1]["depths"][0]["z_bias_mm"] == 1.204
 
 
 def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationReport):

@@ -46,6 +46,12 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
             report_tables.SPREAD_COLUMNS,
             report_tables.spread_rows(report),
         ),
+        *_optional(
+            f"{level} Near and far",
+            report_tables.DEPTHS,
+            report_tables.depth_headings(report),
+            report_tables.depth_rows(report),
+        ),
         f"{level} Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
@@ -127,6 +133,9 @@ def to_html(report: AblationReport) -> str:
         spread_headings=report_tables.SPREAD_COLUMNS,
         spread_rows=report_tables.spread_rows(report),
         spread_note=report_tables.SPREAD,
+        depth_headings=report_tables.depth_headings(report),
+        depth_rows=report_tables.depth_rows(report),
+        depth_note=report_tables.DEPTHS,
         figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
         missing=MISSING,
     )
