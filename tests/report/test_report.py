@@ -15,6 +15,7 @@ from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
 from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.summary import ErrorSummary, Summary
+from shaftpose.origin import Origin
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
 from shaftpose.report.report import to_html, to_json, to_markdown
@@ -153,6 +154,21 @@ def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationRepo
     assert markdown_line(text, "| rendered | D |")[3] == "0.500 (0.41 to 0.62)"
     line = markdown_line(text.split("Tip and axis in the image")[1], "| rendered | D |")
     assert line == ["rendered", "D", "2.2", "1.5", "n/a", "n/a"]
+
+
+def test_the_report_says_how_its_numbers_were_made(report: AblationReport):
+    title = "How these numbers were made"
+    assert title not in to_markdown(report) and title not in to_html(report)
+    made = Origin("python pipelines/evaluate.py variant=d", "0123456789ab+", "A processor, 4 cores")
+    d = replace(report.rows[1], origin=made, data=("aabb", "ccdd"), training_id="feed")
+    known = replace(report, rows=[report.rows[0], d])
+    text = to_markdown(known).split(title)[1]
+    assert "profile demo" in text
+    assert markdown_line(text, "| D |") == ["D", *vars(made).values(), "aabb, ccdd", "feed"]
+    assert "| C |" not in text
+    page = to_html(known)
+    assert all(value in page for value in (title, *vars(made).values(), "aabb, ccdd", "feed"))
+    assert json.loads(to_json(known))["rows"][1]["origin"] == vars(made)
 
 
 def test_mixed_in_images_are_counted(report: AblationReport):

@@ -64,6 +64,12 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         ),
         f"{level} How each variant was trained",
         pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
+        *_optional(
+            f"{level} How these numbers were made",
+            report_tables.ORIGIN.format(profile=report.profile),
+            report_tables.ORIGIN_COLUMNS,
+            report_tables.origin_rows(report),
+        ),
     ]
 
 
@@ -121,6 +127,9 @@ def to_html(report: AblationReport) -> str:
         rows_i=report_tables.table_i(report),
         rows_ii=report_tables.table_ii(report),
         setup_rows=report_tables.setup_rows(report),
+        origin_note=report_tables.ORIGIN.format(profile=report.profile),
+        origin_headings=report_tables.ORIGIN_COLUMNS,
+        origin_rows=report_tables.origin_rows(report),
         notes_i=report_tables.table_i_scale(report),
         notes_ii=report_tables.table_ii_scale(report),
         image_headings=[

@@ -100,6 +100,14 @@ SETUP_COLUMNS = (
     "Parameters",
     "Confidence",
 )
+ORIGIN_COLUMNS = ("Variant", "Command", "Commit", "Machine", "Data", "Training")
+ORIGIN = (
+    "Evaluations with the profile {profile}. Commit: of the code; + marks changed files. Machine: "
+    "of the evaluation. Data: digests of the rendered images with their split, and of real or "
+    "stand-in images mixed in. Training: its id in MLflow, which has its settings. Table II comes "
+    "from the stage evaluate_real, with the same models. Seeds and numbers of images are in the "
+    "table above."
+)
 
 
 @dataclass(frozen=True)
@@ -254,6 +262,23 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             show(row.metrics.get("confidence"), 2),
         ]
         for row in report.rows
+    ]
+
+
+def origin_rows(report: AblationReport) -> list[list[str]]:
+    """How the numbers of each variant were made, if that is known, cells in the order of
+    `ORIGIN_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            row.origin.command,
+            row.origin.commit or MISSING,
+            row.origin.machine,
+            ", ".join(row.data),
+            row.training_id,
+        ]
+        for row in report.rows
+        if row.origin
     ]
 
 
