@@ -278,3 +278,21 @@ def test_a_browser_shows_the_page_whole(
     # Wide tables scroll on their own; the page does not.
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     page.close()
+
+
+def test_no_table_is_cut_on_paper(report: AblationReport, browser: Browser, tmp_path: Path) -> None:
+    error = ErrorSummary(mean=1.5, interval=(1.25, 1.75), median=1.0, p95=4.0)
+    names = ("tip_mm", "axis_deg", "add_s_mm", "mssd_mm", "mspd_px")
+    spread = Summary((0.7, 0.9), (0.7, 0.9), 0.5, dict.fromkeys(names, error))
+    made = Origin("python pipelines/evaluate.py variant=d out=reports/d results=data/results/d",
+                  "0123456789ab+", "x86_64 Intel(R) Xeon(R) Processor, 16 cores")  # fmt: skip
+    rows = [replace(row, summary=spread, origin=made, training_id=32 * "a") for row in report.rows]
+    file = tmp_path / "ablation.html"
+    file.write_text(to_html(replace(report, rows=rows)))
+    page = browser.new_page(viewport={"width": 1031, "height": 702})  # 273 mm x 186 mm
+    page.emulate_media(media="print")
+    page.goto(file.as_uri())
+    hidden = "tables => tables.map(table => table.scrollWidth - table.clientWidth)"
+    assert max(page.eval_on_selector_all(".scroll", hidden)) == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 1031
+    page.close()
