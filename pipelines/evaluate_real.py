@@ -17,13 +17,13 @@ from shaftpose.settings.tree import Settings
 
 @stage
 def main(settings: Settings) -> None:
-    """Write `silhouette.json` and `silhouettes.jpg` to `out`, and the scores also to `results`."""
-    picture, render = settings.out / "silhouettes.jpg", SilhouetteRenderer(settings.rendering)
+    """Write `silhouette.json` and pictures to `out`, and the scores also to `results`."""
+    render = SilhouetteRenderer(settings.rendering)
     predictors = network_and_fit(settings.model_folder / "model.onnx", settings.detection.refine)
     stated = settings.detection.confidence_threshold
     confidences = [confidence_threshold(stated, one) for one in predictors]
     sets = silhouette_sets(middle_camera(settings.rendering), read_domain())
-    scores = compare_silhouettes(predictors, confidences, render, sets, picture)
+    scores, pictures = compare_silhouettes(predictors, confidences, render, sets, settings.out)
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
     tracking.connect(settings.tracking.uri, settings.tracking.experiment)
@@ -33,7 +33,7 @@ def main(settings: Settings) -> None:
         for images, score in scores.items()
         for metric in ("detected_rate", "iou")
     }
-    tracking.log_results(training_id, settings.variant.name, flat, {"silhouettes": picture})
+    tracking.log_results(training_id, settings.variant.name, flat, pictures)
 
 
 if __name__ == "__main__":

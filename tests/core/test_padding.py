@@ -1,6 +1,8 @@
 import numpy as np
+import pytest
 
 from shaftpose.core.padding import unpadded
+from shaftpose.errors import InputError
 
 
 def test_padding_is_removed_image_by_image_in_double_precision() -> None:
@@ -15,3 +17,12 @@ def test_padding_is_removed_image_by_image_in_double_precision() -> None:
     assert {values.dtype for one in (found, nothing) for values in vars(one).values()} == {
         np.dtype(np.float64)
     }
+
+
+@pytest.mark.parametrize("spoilt", ["boxes", "scores", "poses"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_refused(spoilt: str, value: float) -> None:
+    outputs = {"boxes": np.ones((2, 3, 4)), "scores": np.ones((2, 3)), "poses": np.ones((2, 3, 5))}
+    outputs[spoilt][1, 2] = value
+    with pytest.raises(InputError, match="not finite"):
+        unpadded(**outputs)

@@ -41,6 +41,13 @@ def test_medians_of_each_bin():
     assert bin_of("border_px", 80) == turned
 
 
+def test_the_bias_of_the_depth_keeps_its_sign():
+    # Near shafts 1, 3 and 4 mm too far, a far one 2 mm too near.
+    wrong = TRUE + np.outer([1, 3, 4, -2], [0, 0, 1, 0, 0])
+    bins = binned_errors(errors_between(wrong, TRUE), np.ones(4), np.ones(4), RANGES)
+    assert [one.z_bias_mm for one in bins["z_mm"]] == [3.0, None, None, None, None, -2.0]
+
+
 def test_yaw_is_counted_from_the_seam_on_both_sides():
     assert bin_of("yaw_from_seam_deg", -10)[:2] == (1, 1.0)  # 355 deg
     assert bin_of("yaw_from_seam_deg", 0)[:2] == (1, 2.0)  # 2 deg
@@ -92,3 +99,16 @@ def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
     turned = figure.axes[5].lines[1].get_ydata()  # axis errors by depth, below the tip errors
     np.testing.assert_allclose(turned, [0.0, *[np.nan] * 4, 3.0], atol=1e-6)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["C", "D"]
+
+
+def test_the_figure_shows_the_bias_of_the_depth_where_it_was_measured():
+    wrong = np.repeat(TRUE + np.outer([1, 3, 4, -2], [0, 0, 1, 0, 0]), 5, axis=0)
+    errors = errors_between(wrong, np.repeat(TRUE, 5, axis=0))
+    bins = binned_errors(errors, np.ones(20), np.ones(20), RANGES)
+    old = {name: [replace(one, z_bias_mm=None) for one in row] for name, row in bins.items()}
+    assert len(binned_error_figure({"C": old}).axes) == 10
+    axes = binned_error_figure({"C": old, "D": bins}).axes[10]
+    assert axes.get_ylabel() == "median signed z error [mm]"
+    without, measured = (line.get_ydata() for line in axes.lines[:2])
+    assert np.isnan(np.array(without, dtype=float)).all()
+    np.testing.assert_allclose(measured, [3, *[np.nan] * 4, -2])

@@ -90,6 +90,31 @@ def test_unmatched_metrics_are_null_and_never_nan():
     assert all(content[name] is None for name in ("x_mm", "yaw_deg", "axis_deg", "tip_mm"))
 
 
+def test_an_image_without_a_shaft_costs_precision_and_no_rate():
+    # Right, wrong (in the empty image), right: precision 1, 1/2, 2/3 at recall 1/2, 1/2, 1, so the
+    # AP is (1 + 2/3) / 2. Both shafts are detected, and the errors are theirs.
+    empty = Annotations(np.empty((0, 4)), np.empty((0, 5)))
+    shown = Annotations(array(LEFT), array(POSE))
+    find, alarm, late = (
+        Detections(array(LEFT), np.array([s]), array(POSE)) for s in (0.9, 0.8, 0.7)
+    )
+    metrics = evaluate([find, alarm, late], [shown, empty, shown])
+    assert metrics.mAP == pytest.approx(5 / 6)
+    assert (metrics.detected_rate, metrics.tip_mm) == (1, 0)
+    assert (metrics.images, metrics.instruments, metrics.detections) == (3, 2, 3)
+    nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    assert evaluate([find, nothing, late], [shown, empty, shown]).mAP == 1
+
+
+def test_detections_of_images_that_are_not_known_are_refused():
+    shown, find = (
+        Annotations(array(LEFT), array(POSE)),
+        Detections(array(LEFT), np.ones(1), array(POSE)),
+    )
+    with pytest.raises(InputError, match="2 images have detections and 1 annotations"):
+        evaluate([find, find], [shown])
+
+
 def test_a_test_set_without_instruments_has_no_rates():
     empty = Annotations(np.empty((0, 4)), np.empty((0, 5)))
     find = Detections(array(LEFT), np.array([0.9]), array(POSE))

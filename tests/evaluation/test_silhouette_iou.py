@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.errors import InputError
 from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_iou, silhouette_score
 
 
@@ -27,6 +28,11 @@ def test_nothing_detected_is_zero_and_nothing_there_undefined():
     assert silhouette_iou([], [mask(0)]) == 0
     assert silhouette_iou([], []) is None
     assert silhouette_iou([mask()], [mask()]) is None
+
+
+def test_masks_of_another_size_are_refused() -> None:
+    with pytest.raises(InputError, match=r"\[\(4, 8\), \(4, 9\)\] px"):
+        silhouette_iou([mask(0)], [np.ones((4, 9), dtype=bool)])
 
 
 def test_a_missed_image_counts_in_the_mean():

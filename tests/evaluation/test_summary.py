@@ -9,6 +9,7 @@ from shaftpose.evaluation.average_precision import (
     precision_recall,
     resampled_average_precision,
 )
+from shaftpose.evaluation.bootstrap import interval, mean_interval
 from shaftpose.evaluation.metrics import evaluate
 from shaftpose.evaluation.pose_errors import pose_errors
 from shaftpose.evaluation.summary import summary
@@ -46,9 +47,9 @@ def test_intervals_surround_the_metrics() -> None:
     metrics, errors = evaluate(found, known, 0.3), pose_errors(found, known, 0.3)
     further = {"twice_mm": 2 * errors.tip_mm}
     result = summary(found, known, errors, further)
-    for name, interval in (("mAP", result.mAP), ("detected_rate", result.detected_rate)):
-        assert interval is not None
-        assert interval[0] < getattr(metrics, name) < interval[1]
+    for name, ends in (("mAP", result.mAP), ("detected_rate", result.detected_rate)):
+        assert ends is not None
+        assert ends[0] < getattr(metrics, name) < ends[1]
     tip, twice = result.errors["tip_mm"], result.errors["twice_mm"]
     assert tip.mean == pytest.approx(metrics.tip_mm)
     assert tip.interval[0] < tip.mean < tip.interval[1]
@@ -57,6 +58,25 @@ def test_intervals_surround_the_metrics() -> None:
     assert twice.interval == pytest.approx((2 * tip.interval[0], 2 * tip.interval[1]))
     half = evaluate(found, known, 0.5).detected_rate
     assert result.detected_rate_at_half == half
+
+
+def test_intervals_of_images_with_one_instrument_are_those_of_means() -> None:
+    known = [Annotations(BOXES[:1], POSE[None]) for _ in range(9)]
+    off = np.arange(9.0)  # mm; the last three are missed
+    scores = np.repeat([0.9, 0.4, 0.1], 3)
+    found = [
+        Detections(BOXES[:1], np.array([score]), (POSE + [0, 0, mm, 0, 0])[None])
+        for score, mm in zip(scores, off, strict=True)
+    ]
+    result = summary(found, known, pose_errors(found, known, 0.3), {})
+    hits = (scores >= 0.3).astype(float).tolist()
+    assert result.detected_rate == pytest.approx(mean_interval(hits))
+    assert result.detected_rate_at_half == pytest.approx(3 / 9)
+    z = result.errors["z_mm"]
+    assert (z.mean, z.median, z.p95) == pytest.approx((2.5, 2.5, 4.75))
+    # Draws of images, of which those without a detection have no error.
+    drawn = interval(9, lambda images: float(off[images[images < 6]].mean()))
+    assert z.interval == pytest.approx(drawn)
 
 
 def test_a_set_in_which_nothing_is_found_has_no_errors() -> None:

@@ -64,6 +64,40 @@ def test_bops_table_holds_rotation_and_translation() -> None:
     assert row["t"] == "1.000 -2.000 20.125"
 
 
+def read_bop(text: str) -> list[tuple[list[int], np.ndarray, np.ndarray, list[float]]]:
+    """A table of results by the rules of the BOP challenge, which splits lines at commas and knows
+    no quotes: scene, image and object; rotation by rows; translation in mm; score and time."""
+    header, *lines = text.splitlines()
+    assert header == "scene_id,im_id,obj_id,score,R,t,time"
+    rows = []
+    for line in lines:
+        scene, image, shown, score, rotation, translation, time = line.split(",")
+        matrix, vector = (np.array([*map(float, x.split())]) for x in (rotation, translation))
+        numbers = [int(scene), int(image), int(shown)]
+        rows.append((numbers, matrix.reshape(3, 3), vector.reshape(3), [float(score), float(time)]))
+    return rows
+
+
+def test_bops_table_is_read_by_bops_rules() -> None:
+    rng = np.random.default_rng(3)
+    low, high = [-20, -20, 10, 50, 0], [20, 20, 40, 90, 358]
+    poses = [ShaftPose.from_array(row) for row in rng.uniform(low, high, (6, 5))]
+    shafts = [replace(SHAFT, pose=pose, score=n / 7) for n, pose in enumerate(poses)]
+    frames = [Frame(f"test/000002/rgb/{n:06d}.png", 0, RGB) for n in range(3)]
+    pairs = zip(frames, (shafts[:2], [], shafts[2:]), strict=True)
+    rows = read_bop(FORMATS["bop"].header + "".join(bop_lines(*pair) for pair in pairs))
+    assert [numbers for numbers, *_ in rows] == 2 * [[2, 0, 1]] + 4 * [[2, 2, 1]]
+    assert {time for *_, (_, time) in rows} == {-1}  # the same for all shafts of an image
+    for (_, rotation, translation, (score, _)), shaft in zip(rows, shafts, strict=True):
+        p, w = np.radians([shaft.pose.pitch_deg, shaft.pose.yaw_deg])
+        axis = [np.sin(p) * np.cos(w), np.sin(p) * np.sin(w), -np.cos(p)]
+        np.testing.assert_allclose(rotation[:, 2], axis, atol=1e-6)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=3e-6)
+        assert np.linalg.det(rotation) == pytest.approx(1)
+        np.testing.assert_allclose(translation, shaft.pose.tip_mm, atol=5e-4)
+        assert score == pytest.approx(shaft.score, abs=5e-5)
+
+
 def test_bops_numbers_come_from_names_or_frames() -> None:
     assert bop_lines(Frame("12.png", 0, RGB), [SHAFT]).startswith("1,12,")
     assert bop_lines(Frame("clip.mp4", 7, RGB, 25.0), [SHAFT]).startswith("1,7,")

@@ -219,7 +219,7 @@ def test_a_missing_real_image(stage: Run, folder: Path) -> None:
     real = write_real(folder / "real", GOOD_BOXES)
     (real / "images/b.jpg").unlink()
     line = last_line(stage("real_images.py", f"real.source={real}"))
-    assert f"{real / 'test.json'}: names {real / 'images/b.jpg'}" in line
+    assert f"{real / 'test.json'}: images[0].file_name = 'images/b.jpg': no such file" in line
 
 
 # Starting a stage takes seconds: the tests below call its function.

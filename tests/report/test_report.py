@@ -13,7 +13,9 @@ from playwright.sync_api import Browser, sync_playwright
 
 from shaftpose.core.figure_style import save_figure
 from shaftpose.errors import InputError
+from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.summary import ErrorSummary, Summary
+from shaftpose.origin import Origin
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
 from shaftpose.report.report import to_html, to_json, to_markdown
@@ -123,6 +125,26 @@ def test_intervals_and_spreads_are_shown_where_they_were_computed(report: Ablati
     assert title in to_html(with_summary) and "1.00; 4.00 (1.25 to 1.75)" in to_html(with_summary)
 
 
+def test_the_bias_of_the_depth_is_shown_where_it_was_measured(report: AblationReport):
+    assert "Near and far" not in to_markdown(report) and "Near and far" not in to_html(report)
+    depths = (
+        ErrorBin(10, 25, 9, 1.0, 1.0, z_bias_mm=1.204),
+        ErrorBin(25, 40, 9, 1.0, 1.0, z_bias_mm=-0.5),
+        ErrorBin(40, 55, 4, 1.0, 1.0, z_bias_mm=9.9),  # too few
+    )
+    older = tuple(replace(one, z_bias_mm=None) for one in depths)
+    c, d, *_ = report.rows
+    measured = replace(report, rows=[replace(c, depths=older), replace(d, depths=depths)])
+    text = to_markdown(measured).split("Near and far")[1].split("Table II")[0]
+    assert markdown_line(text, "| Variant") == [
+        "Variant", "10 to 25 mm", "25 to 40 mm", "40 to 55 mm",
+    ]  # fmt: skip
+    assert markdown_line(text, "| D |") == ["D", "+1.20", "-0.50", "n/a"]
+    assert "| C |" not in text
+    assert "+1.20" in to_html(measured)
+    assert json.loads(to_json(measured))["rows"][1]["depths"][0]["z_bias_mm"] == 1.204
+
+
 def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationReport):
     assert "Tip and axis in the image" not in to_html(report)
     measured = {
@@ -132,6 +154,21 @@ def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationRepo
     assert markdown_line(text, "| rendered | D |")[3] == "0.500 (0.41 to 0.62)"
     line = markdown_line(text.split("Tip and axis in the image")[1], "| rendered | D |")
     assert line == ["rendered", "D", "2.2", "1.5", "n/a", "n/a"]
+
+
+def test_the_report_says_how_its_numbers_were_made(report: AblationReport):
+    title = "How these numbers were made"
+    assert title not in to_markdown(report) and title not in to_html(report)
+    made = Origin("python pipelines/evaluate.py variant=d", "0123456789ab+", "A processor, 4 cores")
+    d = replace(report.rows[1], origin=made, data=("aabb", "ccdd"), training_id="feed")
+    known = replace(report, rows=[report.rows[0], d])
+    text = to_markdown(known).split(title)[1]
+    assert "profile demo" in text
+    assert markdown_line(text, "| D |") == ["D", *vars(made).values(), "aabb, ccdd", "feed"]
+    assert "| C |" not in text
+    page = to_html(known)
+    assert all(value in page for value in (title, *vars(made).values(), "aabb, ccdd", "feed"))
+    assert json.loads(to_json(known))["rows"][1]["origin"] == vars(made)
 
 
 def test_mixed_in_images_are_counted(report: AblationReport):
@@ -240,4 +277,22 @@ def test_a_browser_shows_the_page_whole(
     assert len(widths) == len(report.figures) and min(widths) > 0
     # Wide tables scroll on their own; the page does not.
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.close()
+
+
+def test_no_table_is_cut_on_paper(report: AblationReport, browser: Browser, tmp_path: Path) -> None:
+    error = ErrorSummary(mean=1.5, interval=(1.25, 1.75), median=1.0, p95=4.0)
+    names = ("tip_mm", "axis_deg", "add_s_mm", "mssd_mm", "mspd_px")
+    spread = Summary((0.7, 0.9), (0.7, 0.9), 0.5, dict.fromkeys(names, error))
+    made = Origin("python pipelines/evaluate.py variant=d out=reports/d results=data/results/d",
+                  "0123456789ab+", "x86_64 Intel(R) Xeon(R) Processor, 16 cores")  # fmt: skip
+    rows = [replace(row, summary=spread, origin=made, training_id=32 * "a") for row in report.rows]
+    file = tmp_path / "ablation.html"
+    file.write_text(to_html(replace(report, rows=rows)))
+    page = browser.new_page(viewport={"width": 1031, "height": 702})  # 273 mm x 186 mm
+    page.emulate_media(media="print")
+    page.goto(file.as_uri())
+    hidden = "tables => tables.map(table => table.scrollWidth - table.clientWidth)"
+    assert max(page.eval_on_selector_all(".scroll", hidden)) == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 1031
     page.close()

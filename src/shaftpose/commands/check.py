@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from shaftpose.errors import InputError
+from shaftpose.origin import processor
 
 _PACKAGES = ("numpy", "cv2", "onnxruntime", "tqdm")
 _SPEED_RUNS = 10
@@ -27,14 +28,6 @@ def run(options: argparse.Namespace) -> None:
     if options.camera is not None:
         print(f"camera: {camera(options.camera)}")
     print("this machine can predict; for rendering and training: tools/check_system.py in a clone")
-
-
-def processor() -> str:
-    """The processor's name if the system tells it, or its kind."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{platform.machine()} {names[0] if names else platform.processor()}".strip()
 
 
 def _passes(name: str, check: Callable[[], str]) -> bool:

@@ -5,17 +5,18 @@ import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any
 
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from pydantic import AfterValidator, AliasPath, ConfigDict, Field
+from pydantic import AliasPath, ConfigDict, Field
 
 from shaftpose.core.geometry import mask_box
 from shaftpose.core.images import Image, centre_square, read_rgb
 from shaftpose.dataset import run_lengths
+from shaftpose.dataset.polygons import crossing
 from shaftpose.dataset.run_lengths import RunLengths
 from shaftpose.errors import InputError
 from shaftpose.json_files import write_json
@@ -70,12 +71,6 @@ class RealSample:
     left_out: NDArray[np.bool_] | None = None
 
 
-def _inside_folder(name: str) -> str:
-    if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
-        raise ValueError("must lie in the annotation file's folder; move the image there")
-    return name
-
-
 _FINITE = ConfigDict(allow_inf_nan=False)
 
 
@@ -84,7 +79,7 @@ class _ImageEntry:
     """What is read of one of COCO's `images`."""
 
     id: int
-    file_name: Annotated[str, AfterValidator(_inside_folder)]
+    file_name: str
     width: PositiveInt
     height: PositiveInt
 
@@ -103,7 +98,7 @@ class _Annotation:
 
 
 def read_coco(path: Path) -> list[RealImage]:
-    """The images of a COCO file, ordered by file name; names are relative to the file's folder.
+    """The images of a COCO file, ordered by file name; see `_file_of` for where they are.
 
     Every annotation is a shaft, whatever its category, but for crowds (`iscrowd`: 1), which are
     several shafts in one box: they are left out, and a warning counts them.
@@ -126,11 +121,19 @@ def read_coco(path: Path) -> list[RealImage]:
         if annotation.iscrowd:
             crowds += 1
         else:
-            entry = entries[annotation.image_id]
+            entry, _ = entries[annotation.image_id]
             instruments[entry.id].append(_instrument(annotation, entry, where))
     if crowds:
-        log.warning("%s: left out %d annotations of crowds; box each shaft of them", path, crowds)
-    found = [_image(entry, instruments[number], path) for number, entry in entries.items()]
+        log.warning(
+            "%s: left out %d annotations with iscrowd 1, several shafts in one or masks of CVAT's "
+            "brush; outline each shaft by a polygon, or set iscrowd to 0",
+            path,
+            crowds,
+        )
+    found = [
+        RealImage(file, entry.width, entry.height, tuple(instruments[number]))
+        for number, (entry, file) in entries.items()
+    ]
     return sorted(found, key=lambda image: image.path.name)
 
 
@@ -149,33 +152,44 @@ def _read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _image_entries(images: list[Any], path: Path) -> dict[int, _ImageEntry]:
+def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry, Path]]:
+    """Entries and image files by the entries' ids."""
     if not images:
         raise InputError(f"{path}: lists no image; add one or more to `images`")
-    entries: dict[int, _ImageEntry] = {}
-    names: set[PurePath] = set()
+    entries: dict[int, tuple[_ImageEntry, Path]] = {}
+    files: set[Path] = set()
     for n, values in enumerate(images):
         where = f"{path}: images[{n}]"
         entry = parse(_ImageEntry, values, where)
         if entry.id in entries:
             raise InputError(f"{where}.id = {entry.id}: another image has this id; change one")
-        if PurePath(entry.file_name) in names:
+        file = _file_of(entry.file_name, path.parent, f"{where}.file_name")
+        if file in files:
             raise InputError(
                 f"{where}.file_name = {entry.file_name!r}: listed twice; remove one entry and "
                 "give its annotations to the other"
             )
-        entries[entry.id] = entry
-        names.add(PurePath(entry.file_name))
+        entries[entry.id] = entry, file
+        files.add(file)
     return entries
 
 
-def _image(entry: _ImageEntry, instruments: list[RealInstrument], path: Path) -> RealImage:
-    file = path.parent / entry.file_name
-    if not os.path.isfile(file):  # False, unlike Path's method, where a folder may not be entered
-        raise InputError(
-            f"{path}: names {file}, but there is no such file; add it or remove its entry"
-        )
-    return RealImage(file, entry.width, entry.height, tuple(instruments))
+def _file_of(name: str, folder: Path, where: str) -> Path:
+    """The image that an entry names: relative to the folder or, as CVAT writes it, to its `images`.
+
+    Label Studio's names may begin with places of its server, and contain backslashes: for these,
+    the file in `images` with the last part of the name.
+    """
+    stated = PurePath(name)
+    places = [folder / "images" / PureWindowsPath(name).name]  # which splits at slashes, too
+    if not stated.is_absolute() and ".." not in stated.parts:
+        places = [folder / stated, folder / "images" / stated, *places]
+    for place in places:
+        if os.path.isfile(place):  # False, unlike Path's method, where a folder may not be entered
+            return place
+    raise InputError(
+        f"{where} = {name!r}: no such file in {folder} or its `images`; add it or remove its entry"
+    )
 
 
 def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> RealInstrument:
@@ -220,6 +234,11 @@ def _polygon(points: Any, where: str) -> NDArray[np.float64]:
         raise InputError(
             f"{where}: must hold x and y of three points or more, x, y, x, y, ..., none farther "
             f"than {_FARTHEST_PX:,} px; mend the polygon"
+        )
+    if (at := crossing(values)) is not None:
+        raise InputError(
+            f"{where}: two of its sides cross at x, y = {at[0]:.1f}, {at[1]:.1f}; move its "
+            "corners, or write two polygons"
         )
     return values
 

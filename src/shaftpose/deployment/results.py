@@ -32,6 +32,7 @@ from shaftpose.figures.accuracy_figures import (
     precision_recall_figure,
 )
 from shaftpose.handovers import FITTED, TrainingFacts
+from shaftpose.origin import origin
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.parts import RenderSettings
 from shaftpose.settings.tree import Settings
@@ -159,6 +160,7 @@ def evaluation(
         fitted=None if fitted is None else fitted.accuracy(rendering),
         validation=(fitted or alone).validation(),
         curves=curves,
+        origin=origin(),
     )
 
 

@@ -16,10 +16,15 @@ from shaftpose.dataset.silhouette_sets import MaskedImage
 from shaftpose.deployment.prediction import predict
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.image_axes import image_errors
-from shaftpose.evaluation.silhouette_iou import SilhouetteScore, silhouette_score
+from shaftpose.evaluation.silhouette_iou import (
+    SilhouetteScore,
+    silhouette_iou,
+    silhouette_score,
+)
 from shaftpose.handovers import FITTED
 
 DRAWN_IMAGES = 4  # of each set
+WORST, WORST_COLUMNS = 10, 5  # images of each set with the least IoU
 
 # Poses (N, 5) and a camera -> masks (N, H, W).
 Render = Callable[[NDArray[np.float64], Camera], Sequence[NDArray[np.bool_]]]
@@ -30,22 +35,27 @@ def compare_silhouettes(
     confidences: Sequence[float],
     render: Render,
     sets: Mapping[str, Sequence[MaskedImage]],
-    picture: Path,
-) -> dict[str, SilhouetteScore]:
+    folder: Path,
+) -> tuple[dict[str, SilhouetteScore], dict[str, Path]]:
     """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
-    fitted poses, each at its own confidence threshold; draws the first images of each set and
-    the last predictor's poses."""
-    scores, drawn = dict[str, SilhouetteScore](), list[Image]()
+    fitted poses, each at its own confidence threshold; and title -> file of two pictures in
+    `folder`, the first and the worst images of each set with the last predictor's poses."""
+    scores = dict[str, SilhouetteScore]()
+    first, worst = list[Image](), list[Image]()
     by_prefix = zip(("", FITTED), predictors, confidences, strict=False)
     for prefix, predictor, confidence in by_prefix:
-        drawn = []
+        first, worst = [], []
         for name, images in sets.items():
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
             scores[f"{prefix}{name}"] = _score(images, found, silhouettes, confidence)
-            drawn += _drawn(images, silhouettes, name)
-    write_jpeg(contact_sheet(drawn, columns=DRAWN_IMAGES), picture)
-    return scores
+            shown = range(min(DRAWN_IMAGES, len(images)))
+            first += [_drawn(images[n], silhouettes[n], name) for n in shown]
+            worst += _worst(images, silhouettes, name)
+    pictures = {name: folder / f"{name}.jpg" for name in ("silhouettes", "worst_silhouettes")}
+    write_jpeg(contact_sheet(first, DRAWN_IMAGES), pictures["silhouettes"])
+    write_jpeg(contact_sheet(worst, WORST_COLUMNS), pictures["worst_silhouettes"], quality=88)
+    return scores, pictures
 
 
 def _score(
@@ -72,11 +82,24 @@ def _silhouettes(
     return [render(one.above(confidence).poses, image.camera) for image, one in pairs]
 
 
-def _drawn(
+def _worst(
     images: Sequence[MaskedImage], silhouettes: Sequence[Sequence[NDArray[np.bool_]]], name: str
 ) -> list[Image]:
-    """The first images with their true masks and the silhouettes."""
+    """The images with the least IoU, which their captions state, the least first."""
+    overlaps = [_overlap(*pair) for pair in zip(images, silhouettes, strict=True)]
     return [
-        draw_caption(draw_masks(draw_masks(i.rgb, i.masks, TRUTH), silhouette, FOUND), name)
-        for i, silhouette in list(zip(images, silhouettes, strict=True))[:DRAWN_IMAGES]
+        _drawn(images[n], silhouettes[n], f"{name} IoU {overlaps[n]:.2f}")
+        for n in sorted(range(len(images)), key=overlaps.__getitem__)[:WORST]
     ]
+
+
+def _overlap(image: MaskedImage, silhouettes: Sequence[NDArray[np.bool_]]) -> float:
+    """The IoU; 1 if there is nothing to find, and nothing was found."""
+    iou = silhouette_iou(image.masks, silhouettes)
+    return 1.0 if iou is None else iou
+
+
+def _drawn(image: MaskedImage, silhouettes: Sequence[NDArray[np.bool_]], caption: str) -> Image:
+    """The image with its true masks and the silhouettes."""
+    outlined = draw_masks(draw_masks(image.rgb, image.masks, TRUTH), silhouettes, FOUND)
+    return draw_caption(outlined, caption)

@@ -21,19 +21,25 @@ BINS: Mapping[str, int | Sequence[float]] = {
     "visible_fraction": (0, 0.5, 0.75, 0.9, 0.99, 1),
     "border_px": (0, 10, 20, 40, 80, 150),
 }
-ERRORS = ("tip_mm", "axis_deg")
+BIAS = "z_bias_mm"
+ERRORS = ("tip_mm", "axis_deg", BIAS)
+_Z = POSE_DIMENSIONS.index("z_mm")
 
 
 @dataclass(frozen=True)
 class ErrorBin:
-    """Number and median absolute errors of the detected instruments in one bin; None if the bin is
-    empty."""
+    """Number and median errors of the detected instruments in one bin; None if the bin is empty.
+
+    tip_mm, axis_deg: absolute; z_bias_mm: estimated minus true depth, None in results of older
+    versions.
+    """
 
     low: float
     high: float
     count: int
     tip_mm: float | None
     axis_deg: float | None
+    z_bias_mm: float | None = None
 
 
 def binned_errors(
@@ -73,7 +79,8 @@ def _bins(errors: PoseErrors, values: Array, edges: Sequence[float]) -> list[Err
 
 
 def _medians(errors: PoseErrors, chosen: NDArray[np.bool_]) -> dict[str, float | None]:
+    values = (errors.tip_mm, errors.axis_deg, errors.differences[:, _Z])
     return {
-        name: float(np.median(getattr(errors, name)[chosen])) if chosen.any() else None
-        for name in ERRORS
+        name: float(np.median(each[chosen])) if chosen.any() else None
+        for name, each in zip(ERRORS, values, strict=True)
     }

@@ -48,7 +48,13 @@ def evaluate(
     """Metrics of `detections[i]` against `annotations[i]`.
 
     The mAP uses all detections; detected rate and pose errors use scores of at least `confidence`.
+    Raises InputError unless there are as many of both.
     """
+    if len(detections) != len(annotations):
+        raise InputError(
+            f"{len(detections)} images have detections and {len(annotations)} annotations: give "
+            "both for the same images, in the same order"
+        )
     errors = pose_errors(detections, annotations, confidence)
     return _metrics(detections, annotations, errors, confidence)
 

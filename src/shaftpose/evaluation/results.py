@@ -9,6 +9,7 @@ from shaftpose.evaluation.common_instruments import FoundInstruments
 from shaftpose.evaluation.metrics import Metrics
 from shaftpose.evaluation.summary import Summary
 from shaftpose.handovers import TrainingFacts
+from shaftpose.origin import Origin
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Evaluation:
 
     accuracy: of the network's own poses; fitted: of its fitted poses, None without a fit.
     validation: metrics on the validation images, with the fit if there is one. detection: its
-    settings. curves: rows of step, name and value.
+    settings. curves: rows of step, name and value. origin: None in results of older versions.
     """
 
     title: str
@@ -41,3 +42,4 @@ class Evaluation:
     fitted: Accuracy | None
     validation: Metrics
     curves: Sequence[tuple[int, str, float]]
+    origin: Origin | None = None

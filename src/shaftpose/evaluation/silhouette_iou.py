@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.errors import InputError
 from shaftpose.evaluation.bootstrap import mean_interval
 from shaftpose.evaluation.detected_rate import detected_rate
 
@@ -39,9 +40,12 @@ class SilhouetteScore:
 def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) -> float | None:
     """IoU of two unions of masks (H, W) of one image.
 
-    0 if nothing was detected; None if there was also nothing to detect.
+    0 if nothing was detected; None if there was also nothing to detect. Raises InputError for masks
+    of different sizes.
     """
     masks = [*true_masks, *predicted_masks]
+    if len(sizes := {mask.shape for mask in masks}) > 1:
+        raise InputError(f"masks of one image have {sorted(sizes)} px: give all the image's size")
     if not np.any(masks):
         return None
     if not len(true_masks) or not len(predicted_masks):

@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from shaftpose.errors import InputError
+from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.evaluation.summary import Summary
+from shaftpose.origin import Origin
 from shaftpose.report.paper_numbers import TABLE_I
 
 STAND_IN = "stand-in"
@@ -27,7 +29,10 @@ class VariantRow:
     detector that training started from, 0 for random weights; `parameters` is the number of
     weights. `mixed_in_images` are real or stand-in training images in addition to
     `training_images`. Only variants that the paper lacks need a `title`. `summary` is None for
-    means of several trainings, and in results of older versions.
+    means of several trainings, and in results of older versions. `depths` are the bins of the true
+    depth, none in results of older versions. `training_id`: as in MLflow; `data`: digests of the
+    rendered images with their split and of the real images, if any were mixed in; `origin`: of the
+    evaluation. Results of older versions lack these three.
     """
 
     variant: str
@@ -46,6 +51,10 @@ class VariantRow:
     title: str = ""
     spread: MetricValues = field(default_factory=dict)
     summary: Summary | None = None
+    depths: tuple[ErrorBin, ...] = ()
+    training_id: str = ""
+    data: tuple[str, ...] = ()
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +123,10 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
         parameters=training.parameters,
         mixed_in_images=real.images if real else 0,
         summary=evaluation.accuracy.summary,
+        depths=tuple(evaluation.accuracy.binned_errors["z_mm"]),
+        training_id=training.training_id,
+        data=(training.data.digest, *([real.digest] if real else [])),
+        origin=evaluation.origin,
     )
 
 

@@ -46,6 +46,12 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
             report_tables.SPREAD_COLUMNS,
             report_tables.spread_rows(report),
         ),
+        *_optional(
+            f"{level} Near and far",
+            report_tables.DEPTHS,
+            report_tables.depth_headings(report),
+            report_tables.depth_rows(report),
+        ),
         f"{level} Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
@@ -58,6 +64,12 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         ),
         f"{level} How each variant was trained",
         pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
+        *_optional(
+            f"{level} How these numbers were made",
+            report_tables.ORIGIN.format(profile=report.profile),
+            report_tables.ORIGIN_COLUMNS,
+            report_tables.origin_rows(report),
+        ),
     ]
 
 
@@ -115,6 +127,9 @@ def to_html(report: AblationReport) -> str:
         rows_i=report_tables.table_i(report),
         rows_ii=report_tables.table_ii(report),
         setup_rows=report_tables.setup_rows(report),
+        origin_note=report_tables.ORIGIN.format(profile=report.profile),
+        origin_headings=report_tables.ORIGIN_COLUMNS,
+        origin_rows=report_tables.origin_rows(report),
         notes_i=report_tables.table_i_scale(report),
         notes_ii=report_tables.table_ii_scale(report),
         image_headings=[
@@ -127,6 +142,9 @@ def to_html(report: AblationReport) -> str:
         spread_headings=report_tables.SPREAD_COLUMNS,
         spread_rows=report_tables.spread_rows(report),
         spread_note=report_tables.SPREAD,
+        depth_headings=report_tables.depth_headings(report),
+        depth_rows=report_tables.depth_rows(report),
+        depth_note=report_tables.DEPTHS,
         figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
         missing=MISSING,
     )

@@ -4,8 +4,10 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
+from shaftpose.evaluation.binned_errors import ErrorBin
 from shaftpose.evaluation.bootstrap import Interval
 from shaftpose.evaluation.summary import Summary
+from shaftpose.figures.binned_errors_figure import FEWEST
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
     REAL,
@@ -78,6 +80,12 @@ IMAGE_ERRORS = (
     "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "
     "poses in mm, they can be measured where camera and diameter are unknown."
 )
+DEPTHS = (
+    "Median of estimated minus true depth (z) of the detected instruments in mm, by true depth, "
+    f"for depths with at least {FEWEST} of them. "
+    "Near shafts that are taken for farther ones make it positive, far ones that are taken for "
+    "nearer ones negative."
+)
 SETUP_COLUMNS = (
     "Variant",
     "Training images",
@@ -91,6 +99,14 @@ SETUP_COLUMNS = (
     "Seeds",
     "Parameters",
     "Confidence",
+)
+ORIGIN_COLUMNS = ("Variant", "Command", "Commit", "Machine", "Data", "Training")
+ORIGIN = (
+    "Evaluations with the profile {profile}. Commit: of the code; + marks changed files. Machine: "
+    "of the evaluation. Data: digests of the rendered images with their split, and of real or "
+    "stand-in images mixed in. Training: its id in MLflow, which has its settings. Table II comes "
+    "from the stage evaluate_real, with the same models. Seeds and numbers of images are in the "
+    "table above."
 )
 
 
@@ -171,6 +187,26 @@ def _error_cell(summary: Summary, name: str, decimals: int) -> str:
     return "{}; {} ({} to {})".format(*(show(value, decimals) for value in shown))
 
 
+def depth_headings(report: AblationReport) -> list[str]:
+    """The headings of `depth_rows`."""
+    bins = next((row.depths for row in report.rows if row.depths), ())
+    return ["Variant", *(f"{one.low:g} to {one.high:g} mm" for one in bins)]
+
+
+def depth_rows(report: AblationReport) -> list[list[str]]:
+    """The bias of the depth of each variant that has it, by true depth."""
+    rows = [
+        [variant_title(row.variant, report.domain_label, row.title), *map(_bias, row.depths)]
+        for row in report.rows
+    ]
+    return [row for row in rows if set(row[1:]) - {MISSING}]
+
+
+def _bias(depth: ErrorBin) -> str:
+    bias = depth.z_bias_mm if depth.count >= FEWEST else None
+    return MISSING if bias is None else f"{bias:+.2f}"
+
+
 def table_ii(report: AblationReport) -> list[ComparedRow]:
     """Rendered images, then real or stand-in images; one row for each measured variant."""
     # Our domain, its key in TABLE_II, and the paper's name for it.
@@ -226,6 +262,23 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
             show(row.metrics.get("confidence"), 2),
         ]
         for row in report.rows
+    ]
+
+
+def origin_rows(report: AblationReport) -> list[list[str]]:
+    """How the numbers of each variant were made, if that is known, cells in the order of
+    `ORIGIN_COLUMNS`."""
+    return [
+        [
+            variant_title(row.variant, report.domain_label, row.title),
+            row.origin.command,
+            row.origin.commit or MISSING,
+            row.origin.machine,
+            ", ".join(row.data),
+            row.training_id,
+        ]
+        for row in report.rows
+        if row.origin
     ]
 
 

@@ -1,0 +1,53 @@
+"""Where results come from: a command, the code and a machine."""
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How results were made.
+
+    command: as in a shell. commit: of the code, with `+` if Python or YAML files differed from it,
+    "" outside of a Git repository. machine: its processor and number of cores.
+    """
+
+    command: str
+    commit: str
+    machine: str
+
+
+def origin() -> Origin:
+    """The origin of results of this process, which works in the project's folder."""
+    return Origin(
+        command=shlex.join(["python", *sys.argv]),
+        commit=_commit(),
+        machine=f"{processor()}, {os.cpu_count()} cores",
+    )
+
+
+def _commit() -> str:
+    head = _git("rev-parse", "--short=12", "HEAD")
+    return f"{head}+" if head and _git("diff", "--name-only", "HEAD", "*.py", "*.yaml") else head
+
+
+def _git(*arguments: str) -> str:
+    """The output of a git command, "" if it fails or there is no git."""
+    try:
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return done.stdout.strip()
+
+
+def processor() -> str:
+    """The processor's name if the system tells it, or its kind."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{platform.machine()} {names[0] if names else platform.processor()}".strip()
