@@ -11,6 +11,7 @@ are not written: they belong to others.
 import argparse
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,6 +22,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
 from shaftpose.deployment.half_weights import with_half_weights
+from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics
@@ -120,7 +122,13 @@ def store(exported: Path, folder: Path, name: str) -> Path:
     """Write the model in half the bytes, and its checksum; returns the model's file."""
     folder.mkdir(parents=True)
     path = folder / f"{name}.onnx"
-    onnx.save(with_half_weights(onnx.load(str(exported))), str(path))
+    model = with_half_weights(onnx.load(str(exported)))
+    facts = ModelFacts.from_text({entry.key: entry.value for entry in model.metadata_props})
+    if facts.edge_reader is not None:
+        reader = with_half_weights(onnx.ModelProto.FromString(facts.edge_reader))
+        facts = replace(facts, edge_reader=reader.SerializeToString())
+    onnx.helper.set_model_props(model, facts.as_text())
+    onnx.save(model, str(path))
     (folder / f"{name}{CHECKSUM_SUFFIX}").write_bytes(checksum(path))
     return path
 

@@ -10,6 +10,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from shaftpose.core.outline_strips import COLUMNS, ROWS
+
 if TYPE_CHECKING:
     from shaftpose.network.pose_bins import BinCoder
     from shaftpose.network.pose_coding import RegressionCoder
@@ -81,20 +83,34 @@ def constant_model(tmp_path: Path) -> Path:
 
 def write_constant_model(path: Path, values: dict[str, np.ndarray]) -> Path:
     """Write a model with these outputs for every image."""
+    onnx.save(_constant("image", TensorProto.UINT8, (SIDE, SIDE, 3), values), str(path))
+    return path
+
+
+def constant_edge_reader(offset: float, log_error: float) -> bytes:
+    """An edge reader that says the same of every row of a strip."""
+    values = {"offsets": np.full(ROWS, offset), "log_scales": np.full(ROWS, log_error)}
+    model = _constant("strips", TensorProto.FLOAT, (3, ROWS, COLUMNS), values)
+    return bytes(model.SerializeToString())
+
+
+def _constant(
+    name: str, kind: int, shape: tuple[int, ...], values: dict[str, np.ndarray]
+) -> onnx.ModelProto:
+    """A model with these outputs for each of the N inputs of this shape."""
     weights = []
-    nodes = [helper.make_node("Shape", ["image"], ["batch"], start=0, end=1)]
+    nodes = [helper.make_node("Shape", [name], ["batch"], start=0, end=1)]
     outputs = []
-    for name, value in values.items():
-        weights.append(numpy_helper.from_array(value[None].astype(np.float32), f"{name} of one"))
-        weights.append(numpy_helper.from_array(np.array(value.shape), f"shape of {name}"))
-        nodes.append(
-            helper.make_node("Concat", ["batch", f"shape of {name}"], [f"{name} shape"], axis=0)
-        )
-        nodes.append(helper.make_node("Expand", [f"{name} of one", f"{name} shape"], [name]))
-        outputs.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", *value.shape]))
-    image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", SIDE, SIDE, 3])
-    graph = helper.make_graph(nodes, "constant", [image], outputs, weights)
+    for output, value in values.items():
+        weights.append(numpy_helper.from_array(value[None].astype(np.float32), f"{output} of one"))
+        weights.append(numpy_helper.from_array(np.array(value.shape), f"shape of {output}"))
+        parts = ["batch", f"shape of {output}"]
+        nodes.append(helper.make_node("Concat", parts, [f"{output} shape"], axis=0))
+        nodes.append(helper.make_node("Expand", [f"{output} of one", f"{output} shape"], [output]))
+        of_all = ["N", *value.shape]
+        outputs.append(helper.make_tensor_value_info(output, TensorProto.FLOAT, of_all))
+    given = helper.make_tensor_value_info(name, kind, ["N", *shape])
+    graph = helper.make_graph(nodes, "constant", [given], outputs, weights)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
     onnx.checker.check_model(model)
-    onnx.save(model, str(path))
-    return path
+    return model

@@ -11,7 +11,7 @@ from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.errors import InputError
-from tests.conftest import write_constant_model
+from tests.conftest import constant_edge_reader, write_constant_model
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
 
@@ -57,7 +57,10 @@ def test_damaged_metadata_are_named(constant_model: Path) -> None:
         Predictor(constant_model)
 
 
-FLAT_ROD = ModelFacts(0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat")
+FLAT_ROD = ModelFacts(
+    0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat",
+    edge_reader=constant_edge_reader(offset=0.0, log_error=0.0),
+)  # fmt: skip
 
 
 def test_poses_are_fitted_to_finer_images_where_there_are_any(masked_model: Path) -> None:
@@ -112,6 +115,16 @@ def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelFacts, masked_mode
     store_facts(masked_model, facts)
     assert Predictor(masked_model).facts == facts
     assert len(network_and_fit(masked_model, "edges")) == 1
+
+
+def test_a_model_without_an_edge_reader_is_fitted_to_its_mask_alone(masked_model: Path) -> None:
+    store_facts(masked_model, replace(FLAT_ROD, edge_reader=None))
+    with pytest.raises(InputError, match=r"masked\.onnx: holds no edge reader.*--refine mask"):
+        Predictor(masked_model)
+    assert not Predictor(masked_model, "mask").fits_edges
+    store_facts(masked_model, replace(FLAT_ROD, edge_reader=b"no model"))
+    with pytest.raises(InputError, match=r"masked\.onnx: its edge reader is damaged"):
+        Predictor(masked_model)
 
 
 @pytest.mark.parametrize("content", [None, b"no model"])

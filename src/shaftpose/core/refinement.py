@@ -1,4 +1,5 @@
-"""What poses are fitted to: nothing; the mask; the mask, then the edges of the image."""
+"""What poses are fitted to: nothing; the mask; the mask, then the outline that the model's edge
+reader finds in the image."""
 
 from typing import Literal
 

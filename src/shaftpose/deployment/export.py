@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import export_onnx, store_facts
-from shaftpose.deployment.parity import Parity, check_parity
+from shaftpose.deployment.onnx_export import edge_reader_bytes, export_onnx, store_facts
+from shaftpose.deployment.parity import Parity, check_parity, edge_difference
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor, network_and_fit
+from shaftpose.deployment.refinement.learned_edges import LearnedEdges
 from shaftpose.errors import InputError
 from shaftpose.evaluation.average_precision import precision_recall
 from shaftpose.evaluation.operating_point import best_confidence
@@ -39,6 +40,10 @@ def export_model(
     export_onnx(detector, path, IMAGE_SIDE_PX)
     predictor = Predictor(path)
     parity = check_parity(detector, predictor, images, continuous=network.continuous)
+    reader, stored = network.edge_reader(), None
+    if reader is not None:
+        stored = edge_reader_bytes(reader)
+        parity = replace(parity, edge=edge_difference(reader, LearnedEdges(stored)))
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
@@ -50,6 +55,7 @@ def export_model(
         shaft_length_mm=None if shaft.cad else shaft.length_mm,
         shaft_tip=None if shaft.cad else shaft.tip,
         distorted=any((*lens.k1, *lens.k2)),
+        edge_reader=stored,
     )
     store_facts(path, facts)
     alone, *fitting = network_and_fit(path, "edges")

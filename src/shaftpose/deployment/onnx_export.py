@@ -10,8 +10,11 @@ from typing import Any
 import onnx
 import torch
 from onnxscript import opset20
+from torch import nn
 
+from shaftpose.core.outline_strips import COLUMNS, ROWS
 from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.refinement.learned_edges import OUTPUTS, STRIPS
 from shaftpose.files import new_file
 from shaftpose.network import nms  # registers its operator
 from shaftpose.network.detector import ShaftDetector
@@ -44,6 +47,24 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
     assert program is not None
     with new_file(path) as part:
         program.save(part, external_data=False)
+
+
+def edge_reader_bytes(reader: nn.Module) -> bytes:
+    """An edge reader as an ONNX model, for any number of strips."""
+    example = torch.zeros(2, 3, ROWS, COLUMNS)
+    with _quiet():
+        program = torch.onnx.export(
+            reader.cpu().eval(),
+            (example,),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=[STRIPS],
+            output_names=OUTPUTS,
+            dynamic_shapes={"strips": {0: torch.export.Dim("parts")}},
+            verbose=False,
+        )
+    assert program is not None
+    return program.model_proto.SerializeToString()
 
 
 def store_facts(path: Path, facts: ModelFacts) -> None:

@@ -8,15 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Detections
+from shaftpose.core.outline_strips import COLUMNS, ROWS
 from shaftpose.core.padding import unpadded
 from shaftpose.deployment.predictor import Predictor
+from shaftpose.deployment.refinement.learned_edges import LearnedEdges
 from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
+EDGE_TOLERANCE = 0.001  # columns
+_STRIPS = 16
 TIE = 1e-4
 # Share of detections whose pose classes may differ in the file: rounding decides between equal
 # logits. An untrained network had 0.2 %.
@@ -29,7 +34,8 @@ class Parity:
 
     detections: those of PyTorch; missing: those that the file lacks; extra: those only in the file;
     tied: those on one side only because rounding decided between equal scores; jumped: those whose
-    poses differ by more than the tolerance, of which `jumps_allowed` are accepted.
+    poses differ by more than the tolerance, of which `jumps_allowed` are accepted; edge: of the
+    edge reader's offsets, in columns of its strips, None without one.
     """
 
     images: int
@@ -42,11 +48,12 @@ class Parity:
     score: float
     box_px: float
     pose: float
+    edge: float | None = None
 
     @property
     def holds(self) -> bool:
         """Whether nothing is missing or extra and the differences are within their tolerances."""
-        same = self.missing == self.extra == 0
+        same = self.missing == self.extra == 0 and (self.edge or 0.0) <= EDGE_TOLERANCE
         return same and self.score <= SCORE_TOLERANCE and self.jumped <= self.jumps_allowed
 
 
@@ -90,6 +97,14 @@ def check_parity(
         box_px=box_px,
         pose=pose,
     )
+
+
+def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
+    """The largest difference of the offsets that a reader and its file find in random strips."""
+    strips = np.random.default_rng(0).uniform(-1, 1, (_STRIPS, ROWS, COLUMNS, 3)).astype(np.float32)
+    with torch.inference_mode():
+        offsets, _ = reader.cpu().eval()(torch.from_numpy(strips.transpose(0, 3, 1, 2)))
+    return float(np.abs(offsets.numpy() - edges.read(strips)[0]).max())
 
 
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:

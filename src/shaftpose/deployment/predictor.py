@@ -12,8 +12,10 @@ from shaftpose.core.contour import Shaft
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.padding import unpadded
+from shaftpose.core.refinement import Refinement
 from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.refinement.refiner import Refinement, Refiner
+from shaftpose.deployment.refinement.learned_edges import LearnedEdges
+from shaftpose.deployment.refinement.refiner import Refiner
 from shaftpose.errors import InputError
 
 _OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
@@ -75,7 +77,7 @@ class Predictor:
     @property
     def fits_edges(self) -> bool:
         """Whether poses are fitted to the edges of images."""
-        return self.refiner is not None and self.refiner.edges
+        return self.refiner is not None and self.refiner.edges is not None
 
     @property
     def camera(self) -> Camera:
@@ -101,7 +103,19 @@ class Predictor:
         if diameter_mm is None or length_mm is None or self.facts.distorted or refine == "none":
             return None
         shaft = Shaft(diameter_mm, length_mm, flat_tip=self.facts.shaft_tip == "flat")
-        return Refiner(shaft, self.camera, refine)
+        return Refiner(shaft, self.camera, self._edges() if refine == "edges" else None)
+
+    def _edges(self) -> LearnedEdges:
+        reader = self.facts.edge_reader
+        if reader is None:
+            raise InputError(
+                f"{self._path}: holds no edge reader: export it again, or fit poses to its mask "
+                "alone (--refine mask; detection.refine: mask)"
+            )
+        try:
+            return LearnedEdges(reader)
+        except Exception as error:  # onnxruntime's own exceptions have no common base
+            raise InputError(f"{self._path}: its edge reader is damaged; export again") from error
 
     def frames_per_second(self, image: NDArray[np.uint8], repetitions: int = 30) -> float:
         """Images per second at batch size 1: median of `repetitions` calls after 3 warm-up calls.

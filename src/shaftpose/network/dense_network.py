@@ -96,6 +96,10 @@ class DenseNetwork(PoseNetwork):
         """One instrument per peak of the tip heat map."""
         return decode(outputs.mask, outputs.maps, self.pinhole, limits)
 
+    def edge_reader(self) -> EdgeReader | None:
+        """The edge reader, unless the outline of the shaft is not known."""
+        return self.edges
+
     def masks(self, outputs: DenseOutputs) -> Tensor:
         """The mask of all shafts, (B, 299, 299).
 

@@ -47,6 +47,10 @@ class PoseNetwork(nn.Module, ABC):
     def detections(self, outputs: Any, limits: DetectionSettings) -> DecodedOutputs:
         """At most `limits.max_detections` instruments in each image."""
 
+    def edge_reader(self) -> nn.Module | None:
+        """What finds outlines in strips of an image (`network.edge_reader`), if it has one."""
+        return None
+
     def masks(self, outputs: Any) -> Tensor:
         """The probability of a shaft, (B, h, w) in [0, 1], of networks that predict it."""
         raise NotImplementedError(f"{type(self).__name__} predicts no mask")

@@ -6,13 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.contour import Contour
-from shaftpose.deployment.refinement.edges import (
-    INSIDE_PX,
-    Offsets,
-    image_gradients,
-    image_offsets,
-    mask_offsets,
-)
+from shaftpose.deployment.refinement.edges import mask_offsets
 
 SIDE_PX, FINER = 60, 8
 SHIFTS_PX = (-0.4, -0.25, 0.0, 0.1, 0.3)
@@ -41,30 +35,13 @@ def mask_errors(angle: float, reach_px: float) -> list[float]:
     return [float(one.px.mean()) - d for one, d in zip(found, SHIFTS_PX, strict=True)]
 
 
-def of_image(angle: float, shift_px: float, reach_px: float) -> Offsets:
-    grey = np.rint(60 + 120 * half_plane(angle, shift_px)).astype(np.uint8)
-    gradients = image_gradients(np.repeat(grey[..., None], 3, axis=2))
-    return image_offsets(gradients, middle(angle), reach_px)
-
-
 @pytest.mark.parametrize("angle", np.random.default_rng(3).uniform(0, 2 * np.pi, 6))
 @pytest.mark.parametrize("reach_px", [1.5, 5.0])
 def test_edges_of_a_mask_are_where_they_are(angle: float, reach_px: float) -> None:
     assert np.allclose(mask_errors(angle, reach_px), 0, atol=0.03)
 
 
-@pytest.mark.parametrize("angle", np.random.default_rng(4).uniform(0, 2 * np.pi, 6))
-@pytest.mark.parametrize("reach_px", [0.6, 0.8, 2.0])
-def test_edges_of_an_image_are_where_they_are(angle: float, reach_px: float) -> None:
-    found = [of_image(angle, d, reach_px) for d in SHIFTS_PX]
-    px = [one.px.mean() - INSIDE_PX for one in found]
-    assert np.allclose(px, SHIFTS_PX, atol=0.05)
-    assert np.mean([one.weights.mean() for one in found]) > 0.4
-
-
 def test_what_is_uniform_has_no_edge() -> None:
-    flat = np.full((SIDE_PX, SIDE_PX, 3), 90, np.uint8)
-    assert image_offsets(image_gradients(flat), middle(0.3), 1.0).weights.max() == 0
     assert mask_offsets(np.ones((SIDE_PX, SIDE_PX), np.float32), middle(0.3), 3).weights.max() == 0
 
 

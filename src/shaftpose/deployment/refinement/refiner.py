@@ -1,58 +1,38 @@
 """Refinement of all detections of an image by a fit to its mask and its edges."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.contour import Array, Shaft, shaft_contour
+from shaftpose.core.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
-from shaftpose.core.refinement import Refinement
-from shaftpose.deployment.refinement.edges import (
-    INSIDE_PX,
-    Gradients,
-    image_gradients,
-    image_offsets,
-    mask_offsets,
-)
-from shaftpose.deployment.refinement.fit import UNDERSTATED, Fit, Stage, fit_pose
+from shaftpose.core.outline_strips import scaled
+from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
+from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 from shaftpose.deployment.refinement.support import distinct, supported
 
 # More stages are no more accurate (docs/beyond.md).
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
-_EDGE_STAGES = (Stage(0.8), Stage(0.8), Stage(0.6))
-_FINE_STAGES = (Stage(2.0), Stage(1.0), Stage(0.8))  # in pixels of the finer image
+_EDGE_STAGES = (Stage(6), Stage(6), Stage(3))  # in pixels of each image
 # Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
 
-
-class _Edges(NamedTuple):
-    """Gradients of an image, and its camera, whose image is `times` as large as the network's."""
-
-    gradients: Gradients
-    camera: Camera
-    times: int
-
-    def fit(self, start: Array, shaft: Shaft, stages: Sequence[Stage], known: Fit) -> Fit | None:
-        """The pose on the edges; None if they are too few."""
-        search = partial(image_offsets, self.gradients, inside_px=self.times * INSIDE_PX)
-        held = known.information_in(self.camera)
-        # Errors do not fall with the size of pixels as the edges of smaller ones promise.
-        understated = UNDERSTATED * self.times
-        return fit_pose(start, shaft, self.camera, search, stages, held, known.pose, understated)
+# Finds edges in an image (H, W, 3) in [-1, 1], near a contour, within so many px: `LearnedEdges`.
+FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
 
 
 class Refiner:
-    """Fits the poses of one kind of shaft, seen by a pinhole camera."""
+    """Fits the poses of one kind of shaft, seen by a pinhole camera, to the mask and, if `edges` is
+    given, to the edges of the image."""
 
-    def __init__(self, shaft: Shaft, camera: Camera, refinement: Refinement) -> None:
-        self.shaft, self.camera, self.edges = shaft, camera, refinement == "edges"
+    def __init__(self, shaft: Shaft, camera: Camera, edges: FindEdges | None) -> None:
+        self.shaft, self.camera, self.edges = shaft, camera, edges
 
     def __call__(
         self,
@@ -70,12 +50,11 @@ class Refiner:
         contour has only lines then.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
-        images = (rgb, fine) if self.edges and len(found.poses) else ()
-        edges = [self._edges(image) for image in images if image is not None]
+        pictures = [scaled(image) for image in (rgb, fine) if image is not None]
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
-            if (fit := self._fit(start, wide, edges)) is None:
+            if (fit := self._fit(start, wide, pictures)) is None:
                 continue
             poses[row] = fit.pose
             deviations[row] = np.sqrt(np.diag(fit.covariance()))
@@ -92,19 +71,22 @@ class Refiner:
         chosen = order[distinct(poses[order], self.shaft, self.camera)]
         return FittedDetections(boxes[chosen], scores[chosen], poses[chosen], deviations[chosen])
 
-    def _edges(self, rgb: NDArray[np.uint8]) -> _Edges:
-        times = rgb.shape[1] // self.camera.width
-        return _Edges(image_gradients(rgb), self.camera.enlarged(times), times)
-
-    def _fit(self, start: Array, mask: NDArray[np.float32], edges: Sequence[_Edges]) -> Fit | None:
-        """The fit to the mask, and from there to the edges of each image in turn."""
+    def _fit(
+        self, start: Array, mask: NDArray[np.float32], pictures: Sequence[NDArray[np.float32]]
+    ) -> Fit | None:
+        """The fit to the mask, and from there to the edges of each picture in turn."""
         in_mask = partial(mask_offsets, mask)
         held = np.diag(_NETWORK_PRIOR**-2)
         fit = known = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, held)
-        if known is None or fit is None:
-            return None
-        for image, stages in zip(edges, (_EDGE_STAGES, _FINE_STAGES), strict=False):
+        if known is None or fit is None or self.edges is None:
+            return fit
+        for picture in pictures:
+            camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
+            in_picture, held = partial(self.edges, picture), known.information_in(camera)
             # The mask was learned from the same edges, so the two are not independent: `fit_pose`
             # divides the mask's information a second time.
-            fit = image.fit(fit.pose, self.shaft, stages, known) or fit
+            fit = (
+                fit_pose(fit.pose, self.shaft, camera, in_picture, _EDGE_STAGES, held, known.pose)
+                or fit
+            )
         return fit

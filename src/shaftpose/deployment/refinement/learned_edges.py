@@ -1,0 +1,42 @@
+"""Where a model's edge reader finds the outline of a shaft in an image."""
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from shaftpose.core.contour import Contour
+from shaftpose.core.outline_strips import MIDDLE, outline_strips
+from shaftpose.deployment.refinement.edges import Offsets
+
+STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
+# Errors of the reader agree along this many px of an outline.
+_ALIKE_PX = 4.0
+_LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
+
+
+class LearnedEdges:
+    """The edge reader of a model with a mask (`network.edge_reader`), as an ONNX model in bytes.
+
+    Raises onnxruntime's exceptions if the bytes are no such model.
+    """
+
+    def __init__(self, network: bytes) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # strips are too small to share
+        self._session = onnxruntime.InferenceSession(
+            network, options, providers=["CPUExecutionProvider"]
+        )
+
+    def read(self, colours: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        """Strips (P, ROWS, COLUMNS, 3) in [-1, 1] -> offsets in columns and the logarithms of their
+        mean errors, (P, ROWS) each."""
+        strips = np.ascontiguousarray(colours.transpose(0, 3, 1, 2))
+        return list(self._session.run(OUTPUTS, {STRIPS: strips}))
+
+    def __call__(self, rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+        """The edges of an image (H, W, 3) in [-1, 1] within `reach_px` of the contour."""
+        step_px = reach_px / MIDDLE
+        strips = outline_strips(rgb, contour, step_px)
+        offsets, errors = (strips.of_samples(values) for values in self.read(strips.colours))
+        variance = 2 * step_px**2 * (np.exp(2 * errors) + _LEAST_ERROR**2)  # of Laplace errors
+        return Offsets(step_px * offsets, strips.inside / (_ALIKE_PX * variance))

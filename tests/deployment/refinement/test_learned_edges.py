@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+import torch
+
+from shaftpose.core.contour import shaft_contour
+from shaftpose.core.outline_strips import scaled
+from shaftpose.deployment.onnx_export import edge_reader_bytes
+from shaftpose.deployment.parity import EDGE_TOLERANCE, edge_difference
+from shaftpose.deployment.refinement.learned_edges import LearnedEdges
+from shaftpose.network.edge_reader import EdgeReader
+from tests.conftest import constant_edge_reader
+from tests.core.silhouettes import CAMERA, POSES, SHAFT
+
+
+def test_columns_become_px_and_stated_errors_become_weights() -> None:
+    edges = LearnedEdges(constant_edge_reader(offset=2.0, log_error=np.log(0.5)))
+    contour = shaft_contour(POSES[0], SHAFT, CAMERA)
+    grey = scaled(np.full((299, 299, 3), 90, np.uint8))
+    offsets = edges(grey, contour, reach_px=6.0)  # 12 columns of 0.5 px
+    np.testing.assert_allclose(offsets.px, 1.0, rtol=1e-6)
+    inside = offsets.weights > 0
+    assert 0.8 < inside.mean() < 1  # rows at the border of the image do not count
+    # The variance of a Laplace distribution is twice the square of its mean error; the errors of
+    # 4 px of an outline are alike.
+    variance = 2 * 0.5**2 * (0.5**2 + 0.05**2)
+    np.testing.assert_allclose(offsets.weights[inside], 1 / (4 * variance), rtol=1e-5)
+    finer = edges(grey, contour, reach_px=3.0)
+    np.testing.assert_allclose(finer.px, 0.5, rtol=1e-6)
+    assert finer.weights.max() == pytest.approx(4 * offsets.weights.max())
+
+
+def test_the_file_computes_what_the_network_does() -> None:
+    torch.manual_seed(0)
+    reader = EdgeReader()
+    assert edge_difference(reader, LearnedEdges(edge_reader_bytes(reader))) < EDGE_TOLERANCE
+    other = LearnedEdges(constant_edge_reader(3.0, 0.0))
+    assert edge_difference(reader, other) > EDGE_TOLERANCE
