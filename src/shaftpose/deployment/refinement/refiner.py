@@ -19,6 +19,9 @@ from shaftpose.deployment.refinement.support import distinct, supported
 # More stages are no more accurate (docs/beyond.md).
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
 _EDGE_STAGES = (Stage(6), Stage(6), Stage(3))  # in pixels of each image
+# Errors of fits to edges are this times those that the edge reader promises: along a line they are
+# alike (docs/beyond.md).
+_EDGES_UNDERSTATED = 6.0
 # Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
@@ -81,12 +84,17 @@ class Refiner:
         if known is None or fit is None or self.edges is None:
             return fit
         for picture in pictures:
-            camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
-            in_picture, held = partial(self.edges, picture), known.information_in(camera)
-            # The mask was learned from the same edges, so the two are not independent: `fit_pose`
-            # divides the mask's information a second time.
-            fit = (
-                fit_pose(fit.pose, self.shaft, camera, in_picture, _EDGE_STAGES, held, known.pose)
-                or fit
-            )
+            fit = self._on_edges(picture, fit, known) or fit
         return fit
+
+    def _on_edges(self, picture: NDArray[np.float32], start: Fit, known: Fit) -> Fit | None:
+        """The fit to the edges of a picture, held by what the mask made known."""
+        assert self.edges is not None
+        camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
+        # The mask was learned from the same edges, so the two are not independent: `fit_pose`
+        # divides the mask's information a second time.
+        held = known.information_in(camera)
+        return fit_pose(
+            start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES, held,
+            known.pose, _EDGES_UNDERSTATED,
+        )  # fmt: skip
