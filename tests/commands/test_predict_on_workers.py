@@ -22,6 +22,14 @@ from shaftpose.deployment.onnx_export import store_facts
 CHUNK, IMAGES = 16, 40
 PATIENCE_S = 300.0  # enough for a busy machine
 
+PREDICT = """
+import signal
+import sys
+from shaftpose.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` takes it away
+main(sys.argv[1:])
+"""
+
 
 @pytest.fixture
 def model(constant_model: Path) -> Path:
@@ -103,13 +111,16 @@ def test_ctrl_c_keeps_complete_results_and_ends_all_processes(
     late, out = images / "000025.png", tmp_path / "out"
     late.unlink()
     os.mkfifo(late)
-    code = "import sys; from shaftpose.cli import main; main(sys.argv[1:])"
-    command = [sys.executable, "-c", code, *arguments(images, model, out)]
+    command = [sys.executable, "-c", PREDICT, *arguments(images, model, out)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as running:
-        wait_until(lambda: len(lines(out)) == CHUNK)
-        processes = psutil.Process(running.pid).children(recursive=True)
-        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
-        _, said = running.communicate(timeout=PATIENCE_S)
+        try:
+            wait_until(lambda: len(lines(out)) == CHUNK)
+            processes = psutil.Process(running.pid).children(recursive=True)
+            os.killpg(running.pid, signal.SIGINT)  # as a terminal does
+            _, said = running.communicate(timeout=PATIENCE_S)
+        except BaseException:
+            os.killpg(running.pid, signal.SIGKILL)  # `with` waits for its end
+            raise
     assert running.returncode == 130
     assert b"Traceback" not in said
     assert len(lines(out)) == CHUNK and lines(out)[-1].endswith("}\n")
