@@ -6,16 +6,30 @@ import pytest
 
 from shaftpose.core.contour import Array, Contour
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
-from shaftpose.deployment.refinement.fit import EDGE_PX, Fit, Search, Stage, fit_pose
+from shaftpose.deployment.refinement.fit import (
+    EdgeErrors,
+    Fit,
+    Search,
+    Stage,
+    fit_pose,
+    in_deviations,
+)
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 # Of the tip in px, the logarithm of its depth, and both angles in deg.
 LOOSE, USUAL = np.array([1e3, 1e3, 10.0, 1e3, 1e3]), np.array([5.0, 5.0, 0.2, 12.0, 10.0])
+EXACT = EdgeErrors()
 STAGES = [Stage(px) for px in (10.0, 9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.5)]
 
 
-def fitted(start: Array, search: Search, stages: Sequence[Stage], prior: Array) -> Fit:
-    fit = fit_pose(start, SHAFT, CAMERA, search, stages, np.diag(prior**-2))
+def fitted(
+    start: Array,
+    search: Search,
+    stages: Sequence[Stage],
+    prior: Array,
+    errors: EdgeErrors = EXACT,
+) -> Fit:
+    fit = fit_pose(start, SHAFT, CAMERA, search, stages, errors, np.diag(prior**-2))
     assert fit is not None
     return fit
 
@@ -61,20 +75,31 @@ def test_yaw_crosses_zero() -> None:
         assert abs(fit.pose[4] - 1.0) < 0.2
 
 
-def test_covariance_is_that_of_repeated_fits() -> None:
+@pytest.mark.parametrize("shared_px", [0.0, 0.2])
+def test_covariance_is_that_of_repeated_fits(shared_px: float) -> None:
+    """Of edges with errors of their own and, on each part, errors that they share."""
     true, rng = POSES[0], np.random.default_rng(5)
 
     def noise(contour: Contour, reach_px: float) -> Offsets:
         ones = np.ones(len(contour.points))
-        return Offsets(rng.normal(0, EDGE_PX / np.sqrt(contour.lengths)), ones)
+        shared = rng.normal(0, shared_px, 3) if shared_px else np.zeros(3)
+        return Offsets(rng.normal(0, 1 / np.sqrt(contour.lengths)) + shared[contour.parts], ones)
 
     scaled = []
     for _ in range(300):
-        fit = fitted(true, noise, [Stage(1.0)], LOOSE)
+        fit = fitted(true, noise, [Stage(1.0)], LOOSE, EdgeErrors(shared_px, understated=2.0))
         scaled.append((fit.pose - true) / np.sqrt(np.diag(fit.covariance())))
-    # Real edges err twice as much as this noise: the covariance allows for it.
+    # Edges are said to err twice as much as they do.
     assert np.allclose(np.std(scaled, axis=0), 0.5, atol=0.06)
     assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.1)
+
+
+def test_errors_in_deviations_are_independent() -> None:
+    information, parts = np.array([0.0, 1.0, 4.0, 25.0, 0.5]), np.array([0, 0, 0, 1, 1])
+    whitening = in_deviations(np.eye(5), information, parts, 0.3)[1:, 1:]
+    shared = 0.3**2 * (parts[1:, None] == parts[1:])
+    covariance = np.diag(1 / information[1:]) + shared
+    np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(4), atol=1e-12)
 
 
 def test_what_edges_leave_open_stays_at_the_start() -> None:
@@ -86,17 +111,14 @@ def test_what_edges_leave_open_stays_at_the_start() -> None:
 
 
 def test_without_edges_there_is_no_fit() -> None:
-    start: Array = POSES[0]
+    start, held = POSES[0], np.diag(LOOSE**-2)
     for mask in (np.zeros((299, 299), np.float32), np.ones((299, 299), np.float32)):
-        assert (
-            fit_pose(start, SHAFT, CAMERA, partial(mask_offsets, mask), STAGES, np.diag(LOOSE**-2))
-            is None
-        )
+        search = partial(mask_offsets, mask)
+        assert fit_pose(start, SHAFT, CAMERA, search, STAGES, EXACT, held) is None
     search = partial(mask_offsets, soft_mask(start))
     for nowhere in ([0.0, 0.0, -5.0, 70.0, 0.0], [60.0, 0.0, 20.0, 70.0, 0.0]):
-        assert (
-            fit_pose(np.array(nowhere), SHAFT, CAMERA, search, STAGES, np.diag(LOOSE**-2)) is None
-        )
+        pose = np.array(nowhere)
+        assert fit_pose(pose, SHAFT, CAMERA, search, STAGES, EXACT, held) is None
 
 
 def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:

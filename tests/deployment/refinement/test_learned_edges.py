@@ -20,10 +20,9 @@ def test_columns_become_px_and_stated_errors_become_weights() -> None:
     np.testing.assert_allclose(offsets.px, 1.0, rtol=1e-6)
     inside = offsets.weights > 0
     assert 0.8 < inside.mean() < 1  # rows at the border of the image do not count
-    # The variance of a Laplace distribution is twice the square of its mean error; the errors of
-    # 4 px of an outline are alike.
+    # The variance of a Laplace distribution is twice the square of its mean error.
     variance = 2 * 0.5**2 * (0.5**2 + 0.05**2)
-    np.testing.assert_allclose(offsets.weights[inside], 1 / (4 * variance), rtol=1e-5)
+    np.testing.assert_allclose(offsets.weights[inside], 1 / variance, rtol=1e-5)
     finer = edges(grey, contour, reach_px=3.0)
     np.testing.assert_allclose(finer.px, 0.5, rtol=1e-6)
     assert finer.weights.max() == pytest.approx(4 * offsets.weights.max())

@@ -75,7 +75,7 @@ def test_two_shafts_are_fitted_apart() -> None:
     mask = np.maximum(*(soft_mask(pose) for pose in poses))
     starts = detections(*(pose + OFF for pose in poses))
     found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, starts)
-    assert np.all(np.abs(found.poses - poses) < 2 * NEAR)
+    assert np.all(np.abs(found.poses - poses) < 2.5 * NEAR)
 
 
 def test_a_smaller_mask_covers_the_same_view() -> None:

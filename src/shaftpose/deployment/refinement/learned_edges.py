@@ -9,8 +9,6 @@ from shaftpose.core.outline_strips import MIDDLE, outline_strips
 from shaftpose.deployment.refinement.edges import Offsets
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
-# Errors of the reader agree along this many px of an outline.
-_ALIKE_PX = 4.0
 _LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
 
 
@@ -39,4 +37,4 @@ class LearnedEdges:
         strips = outline_strips(rgb, contour, step_px)
         offsets, errors = (strips.of_samples(values) for values in self.read(strips.colours))
         variance = 2 * step_px**2 * (np.exp(2 * errors) + _LEAST_ERROR**2)  # of Laplace errors
-        return Offsets(step_px * offsets, strips.inside / (_ALIKE_PX * variance))
+        return Offsets(step_px * offsets, strips.inside / variance)

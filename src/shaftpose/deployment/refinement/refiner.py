@@ -12,19 +12,19 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.outline_strips import scaled
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
-from shaftpose.deployment.refinement.fit import Fit, Stage, fit_pose
+from shaftpose.deployment.refinement.fit import EdgeErrors, Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 from shaftpose.deployment.refinement.support import distinct, supported
 
 # More stages are no more accurate (docs/beyond.md).
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
-_EDGE_STAGES = (Stage(6), Stage(6), Stage(3))  # in pixels of each image
-# Errors of fits to edges are this times those that the edge reader promises: along a line they are
-# alike (docs/beyond.md).
-_EDGES_UNDERSTATED = 6.0
+_EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))  # in pixels of each image
+# Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
+_MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
+_READER_ERRORS = EdgeErrors(understated=12.0)
 # Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
-_NETWORK_PRIOR = np.array([5.0, 5.0, 0.2, 12.0, 10.0])
+_NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
 # Finds edges in an image (H, W, 3) in [-1, 1], near a contour, within so many px: `LearnedEdges`.
 FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
@@ -80,9 +80,10 @@ class Refiner:
         """The fit to the mask, and from there to the edges of each picture in turn."""
         in_mask = partial(mask_offsets, mask)
         held = np.diag(_NETWORK_PRIOR**-2)
-        fit = known = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, held)
-        if known is None or fit is None or self.edges is None:
-            return fit
+        known = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _MASK_ERRORS, held)
+        if known is None or self.edges is None:
+            return known
+        fit = known
         for picture in pictures:
             fit = self._on_edges(picture, fit, known) or fit
         return fit
@@ -91,10 +92,8 @@ class Refiner:
         """The fit to the edges of a picture, held by what the mask made known."""
         assert self.edges is not None
         camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
-        # The mask was learned from the same edges, so the two are not independent: `fit_pose`
-        # divides the mask's information a second time.
         held = known.information_in(camera)
         return fit_pose(
-            start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES, held,
-            known.pose, _EDGES_UNDERSTATED,
+            start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES,
+            _READER_ERRORS, held, known.pose,
         )  # fmt: skip
