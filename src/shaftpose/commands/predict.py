@@ -77,8 +77,8 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         chosen = _absolute(_finder_options(options), model)
         chosen.finder(warn)  # so that unusable options end the command here
         with (
+            client_of(options.workers) as client,  # first: one that fails leaves no file
             result_stream(options.out, style) as results,
-            client_of(options.workers) as client,
             progress_bar(named, hidden=options.out is None) as bar,
         ):
 
