@@ -99,5 +99,5 @@ def test_a_lost_scheduler_is_named() -> None:
             idle.close()
             yield 0.0
 
-        with pytest.raises(InputError, match="connection to the Dask scheduler is lost"):
+        with pytest.raises(InputError, match="scheduler is lost; .*run again with another --out"):
             list(in_order(client, slept, tasks()))

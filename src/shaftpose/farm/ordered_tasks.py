@@ -30,8 +30,8 @@ def in_order(
         yield from _results(client, work, tasks)
     except (CancelledError, ClosedClientError) as error:
         raise InputError(
-            "the connection to the Dask scheduler is lost; finished results are kept, run again "
-            "for the rest"
+            "the connection to the Dask scheduler is lost; finished results are kept; run again "
+            "with another --out"
         ) from error
 
 

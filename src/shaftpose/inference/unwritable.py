@@ -20,6 +20,6 @@ def naming_unwritable(path: object) -> Iterator[None]:
         raise
     except OSError as error:
         raise UnwritableError(
-            f"{path}: cannot be written ({error.strerror}); name another folder by --out, or make "
-            "room; earlier results are kept"
+            f"{path}: cannot be written ({error.strerror}); name another folder by --out, on a "
+            "disk with room; earlier results are kept"
         ) from error
