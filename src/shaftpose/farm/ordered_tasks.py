@@ -20,8 +20,10 @@ _UNDER_WAY = 1000
 def in_order(
     client: Client, work: Callable[[Task], Result], tasks: Iterable[Task]
 ) -> Iterator[tuple[Task, Result | None]]:
-    """Each task with its result of `work`, in the order of the tasks, as soon as it is there.
+    """Each task with its result of `work`, in the order of the tasks.
 
+    Finished results are given whenever another task comes, and after the last one: an iterator of
+    tasks that blocks holds them back.
     A task whose worker dies is repeated; its result is None if four workers died that had it, even
     if they were at another task. Raises InputError if the connection to the scheduler is lost, and
     what `work` raises.
