@@ -36,3 +36,16 @@ def test_an_origin_states_command_code_and_machine(
     assert origin().commit == head
     Path("stage.py").write_text("2\n")
     assert origin().commit == f"{head}+"
+    git("checkout", "-q", "stage.py")
+    Path("notes.txt").touch()
+    assert origin().commit == head
+    new = Path("conf/variant/new.yaml")
+    new.parent.mkdir(parents=True)
+    new.touch()
+    assert origin().commit == f"{head}+"
+    git("config", "status.showUntrackedFiles", "no")
+    assert origin().commit == f"{head}+"
+    new.unlink()
+    assert origin().commit == head
+    Path(".git/index").write_text("damaged")  # git status fails
+    assert origin().commit == f"{head}+"

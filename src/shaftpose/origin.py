@@ -14,7 +14,8 @@ class Origin:
     """How results were made.
 
     command: as in a shell. commit: of the code, with `+` if Python or YAML files differed from it,
-    "" outside of a Git repository. machine: its processor and number of cores.
+    were not in it, or git could not tell; "" outside of a Git repository. machine: its processor
+    and number of cores.
     """
 
     command: str
@@ -33,15 +34,20 @@ def origin() -> Origin:
 
 def _commit() -> str:
     head = _git("rev-parse", "--short=12", "HEAD")
-    return f"{head}+" if head and _git("diff", "--name-only", "HEAD", "*.py", "*.yaml") else head
-
-
-def _git(*arguments: str) -> str:
-    """The output of a git command, "" if it fails or there is no git."""
-    try:
-        done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
+    if head is None:
         return ""
+    changed = _git("status", "--porcelain", "--untracked-files=all", "--", "*.py", "*.yaml")
+    return head if changed == "" else f"{head}+"
+
+
+def _git(*arguments: str) -> str | None:
+    """The output of a git command, None if it fails or there is no git."""
+    try:
+        done = subprocess.run(
+            ["git", "--no-optional-locks", *arguments], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
     return done.stdout.strip()
 
 
