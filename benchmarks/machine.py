@@ -3,9 +3,10 @@
 import os
 import platform
 from datetime import UTC, datetime
-from pathlib import Path
 
 import psutil
+
+from shaftpose.origin import processor
 
 
 def machine() -> dict[str, str | int | float | None]:
@@ -17,11 +18,3 @@ def machine() -> dict[str, str | int | float | None]:
         "python": platform.python_version(),
         "date": datetime.now(UTC).date().isoformat(),
     }
-
-
-def processor() -> str:
-    """The processor's name, as far as the system reports it."""
-    known = Path("/proc/cpuinfo")
-    lines = known.read_text().splitlines() if known.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()

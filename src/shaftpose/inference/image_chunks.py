@@ -28,7 +28,7 @@ _IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
 
 
 @dataclass(frozen=True)
-class Run:
+class ChunkedRun:
     """Parameters shared by the chunks of one run.
 
     options: with absolute paths. folder: that the paths of images start from. software: see
@@ -46,7 +46,7 @@ class Chunk:
     """The images of one task."""
 
     sources: tuple[Source, ...]
-    run: Run
+    run: ChunkedRun
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 
 
 def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
-    rest, run = iter(sources), Run(options, Path.cwd(), _software(), uuid4().hex)
+    rest, run = iter(sources), ChunkedRun(options, Path.cwd(), _software(), uuid4().hex)
     while images := tuple(islice(rest, _IMAGES)):
         yield Chunk(images, run)
 
@@ -145,7 +145,7 @@ def _software() -> str:
 
 
 @lru_cache(maxsize=1)
-def _finder(run: Run) -> tuple[ShaftFinder, set[str]]:
+def _finder(run: ChunkedRun) -> tuple[ShaftFinder, set[str]]:
     """A finder, and a set to which it adds its warnings."""
     os.environ.setdefault("ORT_INTRA_OP_NUM_THREADS", "1")  # each core has a process of its own
     warnings: set[str] = set()
