@@ -1,10 +1,13 @@
 """Images in chunks, here predicted by this process."""
 
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -114,6 +117,28 @@ def test_a_run_loads_the_model_once(
     assert len(loads) == 1
     run(images, options)  # the model's file may be another one by now
     assert len(loads) == 2
+
+
+def test_threads_of_a_worker_load_the_model_once(
+    images: list[Source], options: FinderOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loads, finder = [], FinderOptions.finder
+
+    def slow(*arguments: Any) -> Any:
+        loads.append(arguments)
+        time.sleep(0.1)  # the other thread comes meanwhile
+        return finder(*arguments)
+
+    def threads(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+        with ThreadPoolExecutor(2) as pool:
+            todo = list(chunks)
+            yield from zip(todo, pool.map(work, todo), strict=True)
+
+    monkeypatch.setattr(FinderOptions, "finder", slow)
+    found, warnings = run(images, replace(options, view_deg=60.0), threads)
+    assert len(loads) == 1
+    assert all(len(image.shafts) == 1 for image in found)
+    assert len(warnings) == 1
 
 
 def test_a_warning_about_frames_is_given_once(images: list[Source], options: FinderOptions) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 from uuid import uuid4
 
 import cv2
@@ -25,6 +26,7 @@ from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.source_code import source_files
 
 _IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
+_LOADING = Lock()  # a worker may have several threads
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class PredictedImage:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The result of a chunk. warnings: those since the process started, each once."""
+    """The result of a chunk. warnings: those since the process loaded the model, each once, sorted;
+    other chunks of the run have caused some of them."""
 
     images: tuple[PredictedImage, ...]
     warnings: tuple[str, ...]
@@ -122,9 +125,10 @@ def predict_chunk(chunk: Chunk) -> Prediction:
             f"{socket.gethostname()}: shaftpose, onnxruntime, OpenCV or numpy differ from those on "
             "the machine that started the run; install the same versions"
         )
-    finder, warnings = _finder(chunk.run)
+    with _LOADING:
+        finder, warnings = _finder(chunk.run)
     images = tuple(_predicted(source, chunk.run.folder, finder) for source in chunk.sources)
-    return Prediction(images, tuple(sorted(warnings)))
+    return Prediction(images, tuple(sorted(warnings.copy())))
 
 
 def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
