@@ -137,6 +137,13 @@ def test_a_scheduler_that_does_not_answer_leaves_no_wait(
     assert not (tmp_path / "out").exists()  # or the next try would find earlier results
 
 
+def test_a_scheduler_is_given_no_model_of_a_registry(images: Path, tmp_path: Path) -> None:
+    command = arguments(images, Path("mlflow:/shaftpose@champion"), tmp_path / "out")[:-1]
+    with pytest.raises(SystemExit, match=r"^error: --model mlflow:/shaftpose@champion: not with"):
+        main([*command, "tcp://127.0.0.1:9"])
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("option", ["--draw", "--rerun"])
 def test_workers_write_nothing_but_results(
     option: str, images: Path, model: Path, tmp_path: Path

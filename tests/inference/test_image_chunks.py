@@ -1,5 +1,7 @@
 """Images in chunks, here predicted by this process."""
 
+import re
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -145,6 +147,20 @@ def test_a_warning_about_frames_is_given_once(images: list[Source], options: Fin
     _, warnings = run(images, replace(options, view_deg=60.0))
     (warning,) = warnings  # the caller was warned of the unknown diameter when it checked options
     assert warning.startswith("frames of 40 x 30 px fill only")
+
+
+@pytest.mark.parametrize("content", [None, b"another model"])
+def test_another_model_under_the_same_path_is_refused(
+    content: bytes | None, images: list[Source], options: FinderOptions, constant_model: Path
+) -> None:
+    def on_another_machine(work: Work, chunks: Iterable[Chunk]) -> Predicted:
+        for chunk in chunks:
+            constant_model.unlink() if content is None else constant_model.write_bytes(content)
+            yield chunk, work(chunk)
+
+    where = f"^{re.escape(socket.gethostname())}: {constant_model}: missing, or differs"
+    with pytest.raises(InputError, match=where):
+        run(images, options, on_another_machine)
 
 
 def test_other_software_is_refused(

@@ -16,7 +16,7 @@ from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.formats import FORMATS
 from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import PredictedImage, predicted_images
-from shaftpose.inference.model_files import model_file
+from shaftpose.inference.model_files import REGISTRY, model_file
 from shaftpose.inference.outputs import Write, outputs
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.result_stream import result_stream
@@ -62,11 +62,16 @@ def _predict_alone(options: argparse.Namespace) -> int:
 def _predict_on_workers(options: argparse.Namespace) -> int:
     """Predict images on Dask workers; returns how many sources failed.
 
-    Raises InputError if Dask is missing, the scheduler does not answer or more than results is
-    asked for.
+    Raises InputError if Dask is missing, the scheduler does not answer, more than results is asked
+    for, or a scheduler's workers would need a model of a registry.
     """
     if options.draw or options.rerun:
         raise InputError("--draw, --rerun: not with --workers; leave out one or the other")
+    if isinstance(options.workers, str) and (options.model or "").startswith(REGISTRY):
+        raise InputError(
+            f"--model {options.model}: not with the workers of {options.workers}; download it to a "
+            "path that all machines share, and name that file"
+        )
     try:
         from shaftpose.farm.ordered_tasks import in_order
         from shaftpose.farm.workers import client_of

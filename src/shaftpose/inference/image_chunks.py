@@ -15,12 +15,14 @@ import cv2
 import numpy as np
 import onnxruntime
 
+from shaftpose.deployment.bundled import checksum
 from shaftpose.errors import InputError
 from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frame_cameras import Warn
 from shaftpose.inference.frames import Source
 from shaftpose.inference.image_files import EmptyFolder, ImageFile
+from shaftpose.inference.model_files import model_file
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.source_code import source_files
@@ -33,11 +35,12 @@ _LOADING = Lock()  # a worker may have several threads
 class ChunkedRun:
     """Parameters shared by the chunks of one run.
 
-    options: with absolute paths. folder: that the paths of images start from. software: see
-    `_software`. name: no other run has it.
+    options: with absolute paths. model: checksum of its file. folder: that the paths of images
+    start from. software: see `_software`. name: no other run has it.
     """
 
     options: FinderOptions
+    model: bytes
     folder: Path
     software: str
     name: str
@@ -132,7 +135,9 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 
 
 def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
-    rest, run = iter(sources), ChunkedRun(options, Path.cwd(), _software(), uuid4().hex)
+    with model_file(options.model) as path:
+        model = checksum(path)
+    rest, run = iter(sources), ChunkedRun(options, model, Path.cwd(), _software(), uuid4().hex)
     while images := tuple(islice(rest, _IMAGES)):
         yield Chunk(images, run)
 
@@ -150,12 +155,25 @@ def _software() -> str:
 
 @lru_cache(maxsize=1)
 def _finder(run: ChunkedRun) -> tuple[ShaftFinder, set[str]]:
-    """A finder, and a set to which it adds its warnings."""
+    """A finder, and a set to which it adds its warnings.
+
+    Raises InputError if the model cannot be used or is not that of the run.
+    """
+    _check_model(run)
     os.environ.setdefault("ORT_INTRA_OP_NUM_THREADS", "1")  # each core has a process of its own
     warnings: set[str] = set()
     finder = run.options.finder(warnings.add)
     warnings.clear()  # whoever has started the run was warned of the options themselves
     return finder, warnings
+
+
+def _check_model(run: ChunkedRun) -> None:
+    with model_file(run.options.model) as path:
+        if not path.is_file() or checksum(path) != run.model:
+            raise InputError(
+                f"{socket.gethostname()}: {path}: missing, or differs from the model on the "
+                "machine that started the run; name a file on a path that all machines share"
+            )
 
 
 def _predicted(source: Source, folder: Path, finder: ShaftFinder) -> PredictedImage:

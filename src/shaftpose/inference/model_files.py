@@ -7,7 +7,7 @@ from pathlib import Path
 from shaftpose.deployment.bundled import DEFAULT, bundled_model, bundled_names
 from shaftpose.errors import InputError
 
-_REGISTRY = "mlflow:/"
+REGISTRY = "mlflow:/"  # the beginning of a name in a model registry
 
 
 @contextmanager
@@ -19,12 +19,12 @@ def model_file(name: str | None) -> Iterator[Path]:
     """
     if name is None or name in bundled_names():
         yield bundled_model(name or DEFAULT)
-    elif name.startswith(_REGISTRY):
+    elif name.startswith(REGISTRY):
         try:
             from shaftpose import tracking
         except ImportError as error:
             raise InputError(f"{name}: needs MLflow: pip install 'shaftpose[pipeline]'") from error
-        with tracking.registered_model(name.removeprefix(_REGISTRY)) as path:
+        with tracking.registered_model(name.removeprefix(REGISTRY)) as path:
             yield path
     else:
         yield Path(name)
