@@ -11,7 +11,7 @@ from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.errors import InputError
-from tests.conftest import constant_edge_reader, write_constant_model
+from tests.conftest import BOXES, constant_edge_reader, write_constant_model
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
 
@@ -20,6 +20,13 @@ def test_empty_places_are_left_out(constant_model: Path) -> None:
     assert [image.scores.tolist() for image in found] == [[0.75, 0.25]] * 3
     assert found[2].boxes.tolist() == [[10, 20, 110, 220], [150, 10, 290, 90]]
     assert found[2].poses[1].tolist() == [-8, 5, 31, 55, 350]
+
+
+def test_outputs_that_are_not_finite_are_named_with_file_and_image(tmp_path: Path) -> None:
+    values = {"boxes": BOXES, "scores": [0.75, np.nan, 0.0], "poses": np.zeros((3, 5))}
+    path = write_constant_model(tmp_path / "m.onnx", {k: np.array(v) for k, v in values.items()})
+    with pytest.raises(InputError, match=rf"^{path}: image 0 of a batch: .* not finite"):
+        Predictor(path)(np.zeros((3, 299, 299, 3), dtype=np.uint8))
 
 
 def test_the_file_keeps_its_confidence(constant_model: Path) -> None:

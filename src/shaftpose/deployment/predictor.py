@@ -1,7 +1,7 @@
 """Runs an exported model and refines its poses: images in, detections out."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -90,13 +90,21 @@ class Predictor:
         """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first.
 
         fine: the same images in more pixels, (k 299, k 299, 3), for the fit, where there are any.
+        Raises InputError naming the file and the image if an output is NaN or infinite.
         """
         boxes, scores, poses, *masks = self._session.run(None, {"image": images})
-        found = unpadded(boxes, scores, poses)
+        found = list(self._unpadded(boxes, scores, poses))
         if self.refiner is None:
             return found
         finer = fine or [None] * len(images)
         return [self.refiner(*each) for each in zip(images, *masks, found, finer, strict=True)]
+
+    def _unpadded(self, *outputs: NDArray[np.floating]) -> Iterator[Detections]:
+        for number in range(len(outputs[0])):
+            try:
+                yield from unpadded(*(values[number : number + 1] for values in outputs))
+            except InputError as error:
+                raise InputError(f"{self._path}: image {number} of a batch: {error}") from error
 
     def _made(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
