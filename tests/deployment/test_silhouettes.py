@@ -66,6 +66,12 @@ def test_scores_of_a_set_by_hand(tmp_path: Path) -> None:
     assert (unsure.detected_rate, unsure.iou, unsure.tip_px) == (0, 0, None)
 
 
+def test_a_missing_confidence_is_noticed(tmp_path: Path) -> None:
+    predictors = [cast(Predictor, Shifted())] * 2
+    with pytest.raises(ValueError, match="shorter"):
+        compare_silhouettes(predictors, [0.5], render, {"real/clear": [image(0)]}, tmp_path)
+
+
 def test_the_worst_images_of_each_set_come_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -39,10 +39,8 @@ def test_a_missed_image_counts_in_the_mean():
     box, pose = np.array([[0.0, 0.0, 2.0, 4.0]]), np.zeros((1, 5))
     known = Annotations(box, None)
     found, unsure = (Detections(box, np.array([score]), pose) for score in (0.3, 0.1))
-    masks = [[mask(0, 1)], [mask(0, 1)]]
-    score = silhouette_score(
-        [found, unsure], [known, known], masks, [[mask(1, 2)], []], confidence=0.2
-    )
+    overlaps = [silhouette_iou([mask(0, 1)], masks) for masks in ([mask(1, 2)], [])]
+    score = silhouette_score([found, unsure], [known, known], overlaps, confidence=0.2)
     assert score == SilhouetteScore(
         detected_rate=0.5,
         iou=pytest.approx((1 / 3 + 0) / 2),

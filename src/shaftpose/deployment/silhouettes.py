@@ -42,16 +42,19 @@ def compare_silhouettes(
     `folder`, the first and the worst images of each set with the last predictor's poses."""
     scores = dict[str, SilhouetteScore]()
     first, worst = list[Image](), list[Image]()
-    by_prefix = zip(("", FITTED), predictors, confidences, strict=False)
-    for prefix, predictor, confidence in by_prefix:
-        first, worst = [], []
-        for name, images in sets.items():
+    prefixes = ("", FITTED)[: len(predictors)]
+    for name, images in sets.items():
+        for prefix, predictor, confidence in zip(prefixes, predictors, confidences, strict=True):
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
-            scores[f"{prefix}{name}"] = _score(images, found, silhouettes, confidence)
-            shown = range(min(DRAWN_IMAGES, len(images)))
-            first += [_drawn(images[n], silhouettes[n], name) for n in shown]
-            worst += _worst(images, silhouettes, name)
+            overlaps = [
+                silhouette_iou(image.masks, masks)
+                for image, masks in zip(images, silhouettes, strict=True)
+            ]
+            scores[f"{prefix}{name}"] = _score(images, found, overlaps, confidence)
+        shown = range(min(DRAWN_IMAGES, len(images)))
+        first += [_drawn(images[n], silhouettes[n], name) for n in shown]
+        worst += _worst(images, silhouettes, overlaps, name)
     pictures = {name: folder / f"{name}.jpg" for name in ("silhouettes", "worst_silhouettes")}
     write_jpeg(contact_sheet(first, DRAWN_IMAGES), pictures["silhouettes"])
     write_jpeg(contact_sheet(worst, WORST_COLUMNS), pictures["worst_silhouettes"], quality=88)
@@ -61,14 +64,14 @@ def compare_silhouettes(
 def _score(
     images: Sequence[MaskedImage],
     found: Sequence[Detections],
-    silhouettes: Sequence[Sequence[NDArray[np.bool_]]],
+    overlaps: Sequence[float | None],
     confidence: float,
 ) -> SilhouetteScore:
-    known, masks = [image.known for image in images], [image.masks for image in images]
+    known = [image.known for image in images]
     axes, cameras = [image.axes for image in images], [image.camera for image in images]
     errors = image_errors(found, known, axes, cameras, confidence)
     return replace(
-        silhouette_score(found, known, masks, silhouettes, confidence),
+        silhouette_score(found, known, overlaps, confidence),
         tip_px=float(np.median(errors.tip_px)) if len(errors.tip_px) else None,
         axis_deg=float(np.median(errors.axis_deg)) if len(errors.axis_deg) else None,
     )
@@ -83,20 +86,18 @@ def _silhouettes(
 
 
 def _worst(
-    images: Sequence[MaskedImage], silhouettes: Sequence[Sequence[NDArray[np.bool_]]], name: str
+    images: Sequence[MaskedImage],
+    silhouettes: Sequence[Sequence[NDArray[np.bool_]]],
+    overlaps: Sequence[float | None],
+    name: str,
 ) -> list[Image]:
-    """The images with the least IoU, which their captions state, the least first."""
-    overlaps = [_overlap(*pair) for pair in zip(images, silhouettes, strict=True)]
+    """The images with the least IoU, which their captions state, the least first; 1 if there is
+    nothing to find, and nothing was found."""
+    ious = [1.0 if overlap is None else overlap for overlap in overlaps]
     return [
-        _drawn(images[n], silhouettes[n], f"{name} IoU {overlaps[n]:.2f}")
-        for n in sorted(range(len(images)), key=overlaps.__getitem__)[:WORST]
+        _drawn(images[n], silhouettes[n], f"{name} IoU {ious[n]:.2f}")
+        for n in sorted(range(len(images)), key=ious.__getitem__)[:WORST]
     ]
-
-
-def _overlap(image: MaskedImage, silhouettes: Sequence[NDArray[np.bool_]]) -> float:
-    """The IoU; 1 if there is nothing to find, and nothing was found."""
-    iou = silhouette_iou(image.masks, silhouettes)
-    return 1.0 if iou is None else iou
 
 
 def _drawn(image: MaskedImage, silhouettes: Sequence[NDArray[np.bool_]], caption: str) -> Image:

@@ -57,16 +57,13 @@ def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) 
 def silhouette_score(
     detections: Sequence[Detections],
     annotations: Sequence[Annotations],
-    true_masks: Sequence[Sequence[Mask]],
-    predicted_masks: Sequence[Sequence[Mask]],
+    overlaps: Sequence[float | None],
     confidence: float = 0.5,
 ) -> SilhouetteScore:
     """Detected rate and mean IoU of a set of images.
 
-    `predicted_masks[i]`: silhouettes of the detections in image i that reach `confidence`.
+    overlaps: `silhouette_iou` of each image, with the detections that reach `confidence`.
     """
-    pairs = zip(true_masks, predicted_masks, strict=True)
-    overlaps = [silhouette_iou(true, predicted) for true, predicted in pairs]
     defined = [overlap for overlap in overlaps if overlap is not None]
     low, high = mean_interval(defined) or (None, None)
     return SilhouetteScore(
