@@ -10,7 +10,7 @@ import pytest
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.errors import InputError
-from shaftpose.inference.formats import FORMATS, bop_lines, csv_lines, json_line
+from shaftpose.inference.formats import BopLines, csv_lines, format_of_run, json_line
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
 
@@ -46,7 +46,7 @@ def test_json_lines_state_the_deviations_of_fitted_poses() -> None:
 
 
 def test_csv_holds_a_shaft_in_a_line() -> None:
-    text = FORMATS["csv"].header + csv_lines(Frame("a, b.png", 0, RGB), [SHAFT])
+    text = format_of_run("csv").header + csv_lines(Frame("a, b.png", 0, RGB), [SHAFT])
     (row,) = csv.DictReader(io.StringIO(text))
     assert row["image"] == "a, b.png"
     assert [row[name] for name in ("x1", "tip_x_px", "axis_y_px")] == ["3.0", "30.0", "60.3"]
@@ -56,7 +56,8 @@ def test_csv_holds_a_shaft_in_a_line() -> None:
 
 def test_bops_table_holds_rotation_and_translation() -> None:
     """Pitch 90, yaw 0: the shaft's z is the camera's x, its x the camera's z."""
-    text = FORMATS["bop"].header + bop_lines(Frame("data/000003/rgb/000012.png", 0, RGB), [SHAFT])
+    bop = format_of_run("bop")
+    text = bop.header + bop.lines(Frame("data/000003/rgb/000012.png", 0, RGB), [SHAFT])
     (row,) = csv.DictReader(io.StringIO(text))
     assert [row[name] for name in ("scene_id", "im_id", "obj_id", "time")] == ["3", "12", "1", "-1"]
     rotation = np.array(row["R"].split(), dtype=float).reshape(3, 3)
@@ -85,7 +86,8 @@ def test_bops_table_is_read_by_bops_rules() -> None:
     shafts = [replace(SHAFT, pose=pose, score=n / 7) for n, pose in enumerate(poses)]
     frames = [Frame(f"test/000002/rgb/{n:06d}.png", 0, RGB) for n in range(3)]
     pairs = zip(frames, (shafts[:2], [], shafts[2:]), strict=True)
-    rows = read_bop(FORMATS["bop"].header + "".join(bop_lines(*pair) for pair in pairs))
+    bop = format_of_run("bop")
+    rows = read_bop(bop.header + "".join(bop.lines(*pair) for pair in pairs))
     assert [numbers for numbers, *_ in rows] == 2 * [[2, 0, 1]] + 4 * [[2, 2, 1]]
     assert {time for *_, (_, time) in rows} == {-1}  # the same for all shafts of an image
     for (_, rotation, translation, (score, _)), shaft in zip(rows, shafts, strict=True):
@@ -99,7 +101,31 @@ def test_bops_table_is_read_by_bops_rules() -> None:
 
 
 def test_bops_numbers_come_from_names_or_frames() -> None:
-    assert bop_lines(Frame("12.png", 0, RGB), [SHAFT]).startswith("1,12,")
-    assert bop_lines(Frame("clip.mp4", 7, RGB, 25.0), [SHAFT]).startswith("1,7,")
+    assert BopLines()(Frame("12.png", 0, RGB), [SHAFT]).startswith("1,12,")
+    assert BopLines()(Frame("clip.mp4", 7, RGB, 25.0), [SHAFT]).startswith("1,7,")
     with pytest.raises(InputError, match="--format bop needs a number"):
-        bop_lines(Frame("frame.png", 0, RGB), [SHAFT])
+        BopLines()(Frame("frame.png", 0, RGB), [SHAFT])
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (Frame("a.mp4", 0, RGB, 25.0), Frame("b.mp4", 0, RGB, 25.0)),
+        (Frame("a/000001.png", 0, RGB), Frame("b/000001.png", 0, RGB)),
+        (Frame("x/000003/rgb/000001.png", 0, RGB), Frame("y/000003/rgb/000001.png", 0, RGB)),
+        (Frame("a/000001.png", 0, RGB), Frame("b.mp4", 1, RGB, 25.0)),
+    ],
+)
+def test_a_scene_of_bop_has_one_source(first: Frame, second: Frame) -> None:
+    lines = BopLines()
+    lines(first, [])
+    with pytest.raises(InputError, match="--format bop: scene [13] is that of .*predict them one"):
+        lines(second, [SHAFT])
+
+
+def test_images_of_a_folder_and_frames_of_a_video_share_a_scene_of_bop() -> None:
+    lines = BopLines()
+    for number in (1, 2):
+        assert lines(Frame(f"000003/rgb/{number}.png", 0, RGB), [SHAFT]).startswith("3,")
+        assert lines(Frame(f"000004/rgb/{number}.png", 0, RGB), [SHAFT]).startswith("4,")
+        assert lines(Frame("a.mp4", number, RGB, 25.0), [SHAFT]).startswith("1,")

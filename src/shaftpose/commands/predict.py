@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from shaftpose.errors import InputError
 from shaftpose.inference.finder_options import FinderOptions
-from shaftpose.inference.formats import FORMATS
+from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import PredictedImage, predicted_images
 from shaftpose.inference.model_files import REGISTRY, model_file
@@ -44,7 +44,7 @@ def _predict_alone(options: argparse.Namespace) -> int:
     finder = _finder_options(options).finder(warn)
     named = named_sources(options.sources)
     tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
-    style, drawings = FORMATS[options.format], options.out if options.draw else None
+    style, drawings = format_of_run(options.format), options.out if options.draw else None
     recording = _recording(options.out, finder) if options.rerun else None
     with (
         outputs(options.out, style, drawings, recording) as write,
@@ -77,7 +77,7 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         from shaftpose.farm.workers import client_of
     except ImportError as error:
         raise InputError("--workers: needs Dask: pip install 'shaftpose[cluster]'") from error
-    named, style = named_sources(options.sources), FORMATS[options.format]
+    named, style = named_sources(options.sources), format_of_run(options.format)
     with model_file(options.model) as model:
         chosen = _absolute(_finder_options(options), model)
         chosen.finder(warn)  # so that unusable options end the command here

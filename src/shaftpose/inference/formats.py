@@ -70,18 +70,32 @@ def csv_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
     )  # fmt: skip
 
 
-def bop_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
-    """One line for each shaft, in BOP's form: scene and image number, object 1, score, rotation by
-    rows and translation in mm, from the shaft's frame to the camera's.
+class BopLines:
+    """The lines of one run in BOP's form."""
 
-    Raises InputError if the image file's name is not its number in a scene.
-    """
-    scene, image = _bop_numbers(frame)
-    return _table(
-        [scene, image, _SHAFT, f"{shaft.score:.4f}", _spaced(shaft.pose.rotation, 6),
-         _spaced(shaft.pose.tip_mm, 3), _UNKNOWN_TIME]
-        for shaft in shafts
-    )  # fmt: skip
+    def __init__(self) -> None:
+        self._owners: dict[int, str] = {}  # by scene: its folder or video; images would be too many
+
+    def __call__(self, frame: Origin, shafts: Sequence[FoundShaft]) -> str:
+        """One line for each shaft: scene and image number, object 1, score, rotation by rows and
+        translation in mm, from the shaft's frame to the camera's.
+
+        Raises InputError if the image file's name is not its number in a scene, or the scene is
+        that of another folder or video.
+        """
+        scene, image = _bop_numbers(frame)
+        owner = frame.source if frame.fps is not None else str(Path(frame.source).absolute().parent)
+        first = self._owners.setdefault(scene, owner)
+        if owner != first:
+            raise InputError(
+                f"--format bop: scene {scene} is that of {first}, whose image numbers could be the "
+                "same; predict them one by one, or number folders as in 000003/rgb"
+            )
+        return _table(
+            [scene, image, _SHAFT, f"{shaft.score:.4f}", _spaced(shaft.pose.rotation, 6),
+             _spaced(shaft.pose.tip_mm, 3), _UNKNOWN_TIME]
+            for shaft in shafts
+        )  # fmt: skip
 
 
 def _bop_numbers(frame: Origin) -> tuple[int, int]:
@@ -105,8 +119,10 @@ def _table(rows: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-FORMATS = {
-    "jsonl": Format("jsonl", "", json_line),
-    "csv": Format("csv", ",".join(CSV_COLUMNS) + "\n", csv_lines),
-    "bop": Format("csv", ",".join(BOP_COLUMNS) + "\n", bop_lines),
-}
+def format_of_run(name: str) -> Format:
+    """The format of that name, for one run: `jsonl`, `csv` or `bop`."""
+    return {
+        "jsonl": Format("jsonl", "", json_line),
+        "csv": Format("csv", ",".join(CSV_COLUMNS) + "\n", csv_lines),
+        "bop": Format("csv", ",".join(BOP_COLUMNS) + "\n", BopLines()),
+    }[name]
