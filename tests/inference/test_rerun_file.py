@@ -1,5 +1,8 @@
 """Recordings for Rerun's viewer, read back."""
 
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +75,30 @@ def test_earlier_recordings_are_kept(tmp_path: Path) -> None:
     ):
         pass
     assert (tmp_path / "predictions.rrd").read_text() == "earlier"
+
+
+@contextmanager
+def longest_file(size: int) -> Iterator[None]:
+    """Files of this process take so many bytes: as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_recording_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    from shaftpose.inference.rerun_file import rerun_file
+
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
+    with (
+        pytest.raises(UnwritableError, match=r"predictions\.rrd: not complete"),
+        longest_file(10_000),
+        rerun_file(tmp_path, matrix, None) as add,
+    ):
+        for number in range(3):
+            add(Frame("film.mp4", number, noise, 25.0), [])
 
 
 def test_predict_records_its_frames(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ def outputs(
     """A function that writes a frame's shafts into a folder, or to standard output if that is None,
     draws them into the folder `drawings`, if any, and adds them to the recording, if any.
 
-    Raises UnwritableError naming a file that cannot be written.
+    Raises UnwritableError naming a file that cannot be written, a recording only at the end.
     """
     with ExitStack() as stack:
         parts: list[Write] = [stack.enter_context(result_stream(folder, style)).add]

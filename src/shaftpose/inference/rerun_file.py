@@ -13,12 +13,13 @@ from shaftpose.inference.drawing import shaft_text
 from shaftpose.inference.found_shafts import Array, FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.outputs import Write
-from shaftpose.inference.unwritable import naming_unwritable
+from shaftpose.inference.unwritable import UnwritableError, naming_unwritable
 
 _NAME, _TIMELINE = "predictions.rrd", "frame"
 _CAMERA, _IMAGE = "camera", "camera/image"
 _BOXES, _SHAFTS, _SOURCE = "camera/image/boxes", "shafts", "source"
 _JPEG_QUALITY = 90
+_END = bytes(16)  # the last message of a complete file: Rerun only logs that it could not write
 
 # The intrinsic matrix (3, 3) of a frame (H, W, 3).
 CameraMatrix = Callable[[Image], Array]
@@ -71,7 +72,8 @@ def rerun_file(
     """A function that appends a frame with its shafts to a new recording in a folder; see
     `RerunFile`.
 
-    Raises UnwritableError naming the file if it cannot be created or is there already.
+    Raises UnwritableError naming the file if it cannot be created, is there already or, at the end,
+    is not complete.
     """
     path = folder / _NAME
     with naming_unwritable(path):
@@ -83,3 +85,14 @@ def rerun_file(
     finally:
         recording.flush()
         recording.disconnect()
+    if not _is_complete(path):
+        raise UnwritableError(
+            f"{path}: not complete, see Rerun's message; name another folder by --out, on a disk "
+            "with room; the other results are kept"
+        )
+
+
+def _is_complete(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - len(_END)))
+        return file.read() == _END
