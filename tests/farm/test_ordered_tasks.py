@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from distributed import Client, LocalCluster
@@ -85,6 +86,27 @@ def test_a_task_that_kills_its_workers_is_given_up_and_the_rest_goes_on(
 def test_what_the_work_raises_is_raised_here(client: Client) -> None:
     with pytest.raises(InputError, match="^no such model$"):
         list(in_order(client, refuse, ["no such model"]))
+
+
+class FromAbsentModule:
+    """Cannot be unpickled, as in an environment without this package."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return __import__, ("absent_module",)
+
+
+def test_a_scheduler_without_the_software_is_told_apart(client: Client) -> None:
+    with pytest.raises(InputError, match="'absent_module'.; install the same versions"):
+        list(in_order(client, str, [FromAbsentModule()]))
+
+
+def broken(_: int) -> None:
+    raise RuntimeError("broken")
+
+
+def test_other_errors_of_the_work_stay_as_they_are(client: Client) -> None:
+    with pytest.raises(RuntimeError, match="^broken$"):
+        list(in_order(client, broken, [0]))
 
 
 def test_a_lost_scheduler_is_named() -> None:

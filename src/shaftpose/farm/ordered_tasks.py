@@ -25,8 +25,8 @@ def in_order(
     Finished results are given whenever another task comes, and after the last one: an iterator of
     tasks that blocks holds them back.
     A task whose worker dies is repeated; its result is None if four workers died that had it, even
-    if they were at another task. Raises InputError if the connection to the scheduler is lost, and
-    what `work` raises.
+    if they were at another task. Raises InputError if the connection to the scheduler is lost or it
+    cannot import a task, and what `work` raises.
     """
     try:
         yield from _results(client, work, tasks)
@@ -34,6 +34,13 @@ def in_order(
         raise InputError(
             "the connection to the Dask scheduler is lost; finished results are kept; run again "
             "with another --out"
+        ) from error
+    except RuntimeError as error:
+        if not isinstance(error.__cause__, ImportError | AttributeError):
+            raise
+        raise InputError(
+            f"the Dask scheduler cannot import a task ({error.__cause__}); install the same "
+            "versions on its machine as here, then run again with another --out"
         ) from error
 
 
