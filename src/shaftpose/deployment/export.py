@@ -58,7 +58,7 @@ def export_model(
         edge_reader=stored,
     )
     store_facts(path, facts)
-    alone, *fitting = network_and_fit(path, "edges")
+    alone, *fitting = network_and_fit(path, "mask" if stored is None else "edges")
     facts = replace(facts, confidence=validated_confidence(alone))
     for predictor in fitting:
         facts = replace(facts, fit_confidence=validated_confidence(predictor))

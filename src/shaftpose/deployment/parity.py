@@ -20,7 +20,7 @@ from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
-EDGE_TOLERANCE = 0.001  # columns
+EDGE_TOLERANCE = 0.001  # columns, and logarithms
 _STRIPS = 16
 TIE = 1e-4
 # Share of detections whose pose classes may differ in the file: rounding decides between equal
@@ -35,7 +35,8 @@ class Parity:
     detections: those of PyTorch; missing: those that the file lacks; extra: those only in the file;
     tied: those on one side only because rounding decided between equal scores; jumped: those whose
     poses differ by more than the tolerance, of which `jumps_allowed` are accepted; edge: of the
-    edge reader's offsets, in columns of its strips, None without one.
+    edge reader's offsets, in columns of its strips, and of the logarithms of their errors, None
+    without one.
     """
 
     images: int
@@ -100,11 +101,12 @@ def check_parity(
 
 
 def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
-    """The largest difference of the offsets that a reader and its file find in random strips."""
+    """The largest difference between what a reader and its file say of random strips."""
     strips = np.random.default_rng(0).uniform(-1, 1, (_STRIPS, ROWS, COLUMNS, 3)).astype(np.float32)
     with torch.inference_mode():
-        offsets, _ = reader.cpu().eval()(torch.from_numpy(strips.transpose(0, 3, 1, 2)))
-    return float(np.abs(offsets.numpy() - edges.read(strips)[0]).max())
+        expected = reader.cpu().eval()(torch.from_numpy(strips.transpose(0, 3, 1, 2)))
+    pairs = zip(expected, edges.read(strips), strict=True)
+    return max(float(np.abs(one.numpy() - other).max()) for one, other in pairs)
 
 
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:

@@ -21,12 +21,14 @@ _STEP_PX = (0.25, 0.5)  # between columns
 # ends near the true outline, or far from it.
 _SPREAD, _SIZES = np.array([1.5, 1.5, 0.05, 5.0, 3.0]), (0.04, 2.0)
 _OUTERMOST = 2  # columns at the ends, where no edge is to be learned
-_HALVINGS = 10
+# Between two of these, and even within the thinnest shaft, there is one crossing at most.
+_PLACES, _HALVINGS = 11, 6
 
 
 class EdgeSamples(NamedTuple):
     """colours: (M, 3, ROWS, COLUMNS) in [-1, 1]; offsets: (M, ROWS), columns from the middle one
-    to the true outline, positive outwards; known: (M, ROWS) bool, where they are known."""
+    to the true outline, positive outwards, or to the outermost one where it lies beyond; known:
+    (M, ROWS) bool, which rows show the image."""
 
     colours: Tensor
     offsets: Tensor
@@ -75,26 +77,35 @@ def _samples(
             strips = outline_strips(picture, contour, step_px)
             reach_px = (MIDDLE - _OUTERMOST) * step_px
             offsets = true_offsets(contour, pose, shaft, camera, reach_px)
-            known = strips.of_rows(strips.inside * np.isfinite(offsets)) > 0
-            yield strips.colours, strips.of_rows(np.nan_to_num(offsets) / step_px), known
+            known = strips.of_rows(strips.inside) > 0
+            yield strips.colours, strips.of_rows(offsets / step_px), known
 
 
 def true_offsets(
     contour: Contour, pose: Array, shaft: Shaft, camera: Camera, reach_px: float
 ) -> Array:
     """Distance from each sample to the true outline along its normal, (N,) px, positive outwards;
-    NaN where that is not within `reach_px`. The silhouette is convex: there is one crossing."""
-    low, high = (np.full(len(contour.points), end) for end in (-reach_px, reach_px))
+    plus or minus `reach_px` where it is further away.
+
+    From samples inside the true silhouette it is looked for outwards, from others inwards.
+    """
 
     def inside(px: Array) -> NDArray[np.bool_]:
-        return covered(contour.points + px[:, None] * contour.normals, pose, shaft, camera)
+        """Of places (N, ...) px from the samples."""
+        points = contour.points[:, None] + px[..., None] * contour.normals[:, None]
+        return covered(points, pose, shaft, camera)
 
-    crossed = inside(low) & ~inside(high)
+    outwards = np.where(inside(np.zeros((len(contour.points), 1))), 1.0, -1.0)
+    places = outwards * reach_px * np.linspace(0, 1, _PLACES)
+    crossed = inside(places) != (outwards > 0)
+    crossed[:, -1] = True  # the furthest, if the outline is not nearer
+    first = np.argmax(crossed, axis=1)[:, None]
+    near, far = (np.take_along_axis(places, first - back, axis=1) for back in (1, 0))
     for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        beyond = inside(middle)
-        low, high = np.where(beyond, middle, low), np.where(beyond, high, middle)
-    return np.where(crossed, (low + high) / 2, np.nan)
+        middle = (near + far) / 2
+        before = inside(middle) == (outwards > 0)
+        near, far = np.where(before, middle, near), np.where(before, far, middle)
+    return np.asarray(far[:, 0])
 
 
 def covered(pixels: Array, pose: Array, shaft: Shaft, camera: Camera) -> NDArray[np.bool_]:

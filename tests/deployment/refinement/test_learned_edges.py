@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -32,5 +34,19 @@ def test_the_file_computes_what_the_network_does() -> None:
     torch.manual_seed(0)
     reader = EdgeReader()
     assert edge_difference(reader, LearnedEdges(edge_reader_bytes(reader))) < EDGE_TOLERANCE
-    other = LearnedEdges(constant_edge_reader(3.0, 0.0))
-    assert edge_difference(reader, other) > EDGE_TOLERANCE
+
+
+@pytest.mark.parametrize("other", [(3.0, 0.0), (2.0, 0.1)])
+def test_a_file_that_computes_something_else_is_noticed(other: tuple[float, float]) -> None:
+    class Constant(torch.nn.Module):
+        def forward(self, strips: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            rows = torch.ones(strips.shape[:1] + strips.shape[2:3])
+            return 2.0 * rows, 0.0 * rows
+
+    assert edge_difference(Constant(), LearnedEdges(constant_edge_reader(2.0, 0.0))) == 0
+    assert edge_difference(Constant(), LearnedEdges(constant_edge_reader(*other))) > EDGE_TOLERANCE
+
+
+def test_another_model_is_no_edge_reader(constant_model: Path) -> None:
+    with pytest.raises(ValueError, match=r"an edge reader takes \{'image'"):
+        LearnedEdges(constant_model.read_bytes())

@@ -5,7 +5,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from shaftpose.core.contour import Contour
-from shaftpose.core.outline_strips import MIDDLE, outline_strips
+from shaftpose.core.outline_strips import COLUMNS, MIDDLE, ROWS, outline_strips
 from shaftpose.deployment.refinement.edges import Offsets
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
@@ -15,7 +15,8 @@ _LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
 class LearnedEdges:
     """The edge reader of a model with a mask (`network.edge_reader`), as an ONNX model in bytes.
 
-    Raises onnxruntime's exceptions if the bytes are no such model.
+    Raises onnxruntime's exceptions if the bytes are no model, and ValueError
+    if they are another one.
     """
 
     def __init__(self, network: bytes) -> None:
@@ -24,6 +25,10 @@ class LearnedEdges:
         self._session = onnxruntime.InferenceSession(
             network, options, providers=["CPUExecutionProvider"]
         )
+        takes = {each.name: each.shape[1:] for each in self._session.get_inputs()}
+        gives = [each.name for each in self._session.get_outputs()]
+        if takes != {STRIPS: [3, ROWS, COLUMNS]} or gives != OUTPUTS:
+            raise ValueError(f"an edge reader takes {takes} and gives {gives}")
 
     def read(self, colours: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Strips (P, ROWS, COLUMNS, 3) in [-1, 1] -> offsets in columns and the logarithms of their
