@@ -333,6 +333,7 @@ def test_the_demo_finds_the_shafts_of_its_examples(
 def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> None:
     main(["models"])
     printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) < 500  # no weights
     assert "\nview_deg: 95.0\n" in printed and "\nshaft_diameter_mm: 3.0\n" in printed
     for name in bundled.bundled_names():
         assert f"name: {name}\n" in printed
