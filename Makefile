@@ -71,6 +71,7 @@ bench: $(READY)  ## measure images/s of the models from `make repro`
 
 bench-inference: $(READY)  ## measure speed and memory from a large frame to poses, on an idle machine
 	python -m benchmarks.inference
+	python -m benchmarks.backends
 
 bench-soak: $(READY)  ## measure the memory of prediction over 20,000 frames
 	python -m benchmarks.soak

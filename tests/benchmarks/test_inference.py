@@ -4,9 +4,12 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
 
-from benchmarks import inference, soak
+from benchmarks import backends, inference, soak
+from shaftpose.deployment.bundled import bundled_model
 
 
 def test_each_model_and_refinement_has_its_figures(
@@ -45,3 +48,25 @@ def test_frames_are_large_and_show_the_film() -> None:
     frame = next(inference.frames())
     assert frame.shape == (1080, 1920, 3)
     assert frame[:, :420].max() == 0 and frame[:, 430:1490].mean() > 20
+
+
+def test_each_backend_has_its_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "ROUNDS", 1)
+    monkeypatch.setattr(backends, "PER_ROUND", 1)
+    monkeypatch.setattr(backends, "ROOT", tmp_path)
+    monkeypatch.setattr(backends, "OUT", tmp_path / "backends.json")
+    backends.main()
+    rows = json.loads((tmp_path / "backends.json").read_text())["backends"]
+    assert {"onnxruntime, 32 bits", "onnxruntime, 8 bits"} <= {row["network"] for row in rows}
+    assert all(row["fps_median"] > 0 for row in rows)
+
+
+def test_in_8_bits_convolutions_compute_with_integers(tmp_path: Path) -> None:
+    images = np.random.default_rng(0).integers(0, 256, (2, 299, 299, 3), dtype=np.uint8)
+    backends.quantise(bundled_model("shaftpose"), tmp_path / "int8.onnx", images)
+    graph = onnx.load(str(tmp_path / "int8.onnx")).graph
+    made_by = {output: node.op_type for node in graph.node for output in node.output}
+    convolutions = [node for node in graph.node if node.op_type == "Conv"]
+    assert convolutions
+    for node in convolutions:
+        assert {made_by[name] for name in node.input[:2]} == {"DequantizeLinear"}
