@@ -349,12 +349,27 @@ def test_check_says_what_prediction_needs(
     main(["check", "--camera", str(calibration)])
     printed = capsys.readouterr().out
     assert "this machine can predict" in printed
-    assert "camera: fills 92% of the view of the bundled model, 95 deg; to train" in printed
+    assert "camera: fills 92% of the view of shaftpose, 95 deg; to train" in printed
     assert "set camera.view_deg to 90.0\n" in printed
     monkeypatch.setitem(sys.modules, "tqdm", None)
     with pytest.raises(SystemExit, match="^error: cannot predict here: packages; see"):
         main(["check"])
     assert "packages: FAILED: import of tqdm halted" in capsys.readouterr().out
+
+
+def test_check_takes_another_model(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calibration = tmp_path / "cam.yaml"
+    calibration.write_text(PINHOLE)  # of 90 deg
+    main(["check", "--camera", str(calibration), "--model", "laparoscopy"])
+    printed = capsys.readouterr().out
+    assert re.search(r"^model: laparoscopy, \d+ images per second$", printed, re.MULTILINE)
+    assert "camera: fills 100% of the view of laparoscopy, 65 deg; to train" in printed
+    model.write_bytes(b"no model")
+    with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):
+        main(["check", "--model", str(model)])
+    assert f"model: FAILED: {model}: not a readable ONNX model" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", ["demo", "predict", "models", "show", "check"])

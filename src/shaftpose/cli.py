@@ -65,11 +65,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         help="image file, folder of images, video file, camera index, stream URL, or - to read "
         "such names from standard input, one a line",
     )  # fmt: skip
-    parser.add_argument(
-        "--model",
-        help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
-        "of a registry (shaftpose)",
-    )
+    _add_model(parser)
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
@@ -120,7 +116,16 @@ def _add_real(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
+    _add_model(parser)
     parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
+
+
+def _add_model(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--model",
+        help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
+        "of a registry (shaftpose)",
+    )
 
 
 def _add_nothing(parser: argparse.ArgumentParser) -> None:
@@ -156,7 +161,7 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
     ),
     "check": (
         "test whether this machine can predict, and what a camera sees",
-        "example: shaftpose check --camera cam.yaml",
+        "example: shaftpose check --camera cam.yaml --model laparoscopy",
         _add_check,
     ),
 }

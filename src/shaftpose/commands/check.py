@@ -7,10 +7,12 @@ import argparse
 import os
 import platform
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from shaftpose.deployment.bundled import DEFAULT
 from shaftpose.errors import InputError
 from shaftpose.origin import processor
 
@@ -22,11 +24,14 @@ def run(options: argparse.Namespace) -> None:
     """Print each finding. Raises InputError if prediction would fail."""
     print(f"python: {platform.python_version()}, {platform.platform()}")
     print(f"processor: {processor()}, {os.cpu_count()} cores")
-    failed = [name for name, check in _CHECKS.items() if not _passes(name, check)]
+    name = options.model or DEFAULT
+    checks: dict[str, Callable[[], str]]
+    checks = {"packages": packages, "videos": videos, "model": partial(model, name)}
+    failed = [part for part, check in checks.items() if not _passes(part, check)]
     if failed:
         raise InputError(f"cannot predict here: {', '.join(failed)}; see the lines above")
     if options.camera is not None:
-        print(f"camera: {camera(options.camera)}")
+        print(f"camera: {camera(options.camera, name)}")
     print("this machine can predict; for rendering and training: tools/check_system.py in a clone")
 
 
@@ -59,34 +64,33 @@ def videos() -> str:
     return "OpenCV writes and reads MP4"
 
 
-def model() -> str:
-    """The bundled model's speed. Raises InputError if it is damaged."""
+def model(name: str) -> str:
+    """The speed of the model that `--model` names. Raises InputError if it cannot be used."""
     import numpy as np
 
-    from shaftpose.deployment.bundled import bundled_model
     from shaftpose.deployment.predictor import Predictor
+    from shaftpose.inference.model_files import model_file
 
-    predictor = Predictor(bundled_model())
+    with model_file(name) as file:
+        predictor = Predictor(file)
     image = np.zeros((predictor.side_px, predictor.side_px, 3), dtype=np.uint8)
-    return f"intact, {predictor.frames_per_second(image, _SPEED_RUNS):.0f} images per second"
+    return f"{name}, {predictor.frames_per_second(image, _SPEED_RUNS):.0f} images per second"
 
 
-def camera(path: Path) -> str:
-    """What a calibrated camera sees of the bundled model's view, and the setting to train for it.
+def camera(path: Path, name: str) -> str:
+    """What a calibrated camera sees of a model's view, and the setting to train for it.
 
     Raises InputError naming the file if it is no calibration.
     """
-    from shaftpose.deployment.bundled import bundled_model
     from shaftpose.deployment.predictor import Predictor
     from shaftpose.inference.calibration import read_calibration
+    from shaftpose.inference.model_files import model_file
     from shaftpose.inference.views import Resampled
 
-    calibration, predictor = read_calibration(path), Predictor(bundled_model())
+    with model_file(name) as file:
+        calibration, predictor = read_calibration(path), Predictor(file)
     covered = Resampled(calibration, predictor.camera).covered
     return (
-        f"fills {covered:.0%} of the view of the bundled model, {predictor.facts.view_deg:g} deg; "
+        f"fills {covered:.0%} of the view of {name}, {predictor.facts.view_deg:g} deg; "
         f"to train for this camera, set camera.view_deg to {calibration.widest_view_deg():.1f}"
     )
-
-
-_CHECKS = {"packages": packages, "videos": videos, "bundled model": model}
