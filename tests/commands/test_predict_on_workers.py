@@ -144,11 +144,11 @@ def test_a_scheduler_is_given_no_model_of_a_registry(images: Path, tmp_path: Pat
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("option", ["--draw", "--rerun"])
+@pytest.mark.parametrize("option", ["--draw", "--rerun", "--track"])
 def test_workers_write_nothing_but_results(
     option: str, images: Path, model: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(SystemExit, match="^error: --draw, --rerun: not with --workers"):
+    with pytest.raises(SystemExit, match="^error: --draw, --rerun, --track: not with --workers"):
         main([*arguments(images, model, tmp_path / "out"), option])
     assert not (tmp_path / "out").exists()
 

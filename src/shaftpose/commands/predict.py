@@ -65,8 +65,8 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
     Raises InputError if Dask is missing, the scheduler does not answer, more than results is asked
     for, or a scheduler's workers would need a model of a registry.
     """
-    if options.draw or options.rerun:
-        raise InputError("--draw, --rerun: not with --workers; leave out one or the other")
+    if options.draw or options.rerun or options.track:
+        raise InputError("--draw, --rerun, --track: not with --workers; leave out one or the other")
     if isinstance(options.workers, str) and (options.model or "").startswith(REGISTRY):
         raise InputError(
             f"--model {options.model}: not with the workers of {options.workers}; download it to a "
