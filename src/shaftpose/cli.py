@@ -23,8 +23,9 @@ examples:
   find . -name '*.png' | shaftpose predict - --score 0.3
   shaftpose predict frames/ --out found --workers 16      # 16 processes
 
-A camera or stream is read until it ends or Ctrl-C; frames that come too fast are skipped. Exit
-status: 0, or 1 if a source failed; the others are predicted all the same."""
+A camera or stream is read until it ends or Ctrl-C; frames that come too fast are skipped.
+
+Exit status: 0; 1 if a source failed (the others are predicted all the same); 130 after Ctrl-C."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -69,7 +70,8 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
-        help="what poses are fitted to, if the model has a mask (edges: the mask, then the edges)",
+        help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
+        "and then the edges in the image, the slowest and most exact (edges)",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")
@@ -77,7 +79,11 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "--view-deg", type=_view_deg,
         help="the camera: the angle across its central square, if it has no distortion",
     )  # fmt: skip
-    parser.add_argument("--diameter-mm", type=_above_zero, help="diameter of the shafts")
+    parser.add_argument(
+        "--diameter-mm", type=_above_zero,
+        help="diameter of your shafts, by which x, y and z are scaled (that of the model's shafts, "
+        "with poses marked as not metric)",
+    )  # fmt: skip
     parser.add_argument(
         "--track", action="store_true",
         help="number the shafts of videos and streams, and smooth their poses",
