@@ -28,5 +28,7 @@ def test_a_record_becomes_a_row_for_each_line(tmp_path: Path) -> None:
 
 
 def test_a_page_without_a_records_markers_is_refused() -> None:
-    with pytest.raises(InputError, match=r"docs/beyond.md: lacks the markers '<!-- edges: "):
+    with pytest.raises(
+        InputError, match=r"docs/beyond.md: lacks the markers '<!-- \w+: make learning"
+    ):
         learning_tables.page("# Page\n", "docs/beyond.md")
