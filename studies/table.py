@@ -41,9 +41,11 @@ class CommonErrors:
 
 @dataclass(frozen=True)
 class ScaleTables:
-    """Trainings of one scale: their differences from other scales, if there are any, a sentence on
-    their settings, their seeds, accuracy and common errors, and paths of two pictures."""
+    """Trainings of one scale: a heading and their differences from other scales, if there are any,
+    a sentence on their settings, their seeds, accuracy and common errors, and paths of two
+    pictures."""
 
+    heading: str
     differences: str
     sentence: str
     seeds: str
@@ -97,6 +99,7 @@ def _of_scale(differences: str, scale: Scale, alike: Sequence[TrainingRecord]) -
         for row, line in zip(rows, compared, strict=True)
     )
     return ScaleTables(
+        heading=f"{scale.training_images:,} images, {scale.steps:,} steps",
         differences=differences,
         sentence=scale.sentence(),
         seeds=seeds,

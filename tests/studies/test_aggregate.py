@@ -207,24 +207,24 @@ def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
 
 def test_trainings_on_other_images_are_not_compared():
     text = page(record(row(7, mAP=0.5)), record(row(8, mAP=0.7), data="other"))
-    assert "### data same\n" in text and "### data other\n" in text
+    assert ": data same.\n" in text and ": data other.\n" in text
     assert "0.949 / 0.500 |" in text and "0.949 / 0.700 |" in text
 
 
-def test_headings_say_what_sets_scales_apart():
+def test_a_page_says_what_sets_scales_apart():
     text = page(record(row(7)), record(row(8, steps=1000), alpha=0.5))
-    assert "### steps 3000, loss.alpha 1.5\n" in text
-    assert "### steps 1000, loss.alpha 0.5\n" in text
-    assert "### steps" not in page(record(row(7)), record(row(8)))
+    assert ": steps 3000, loss.alpha 1.5.\n" in text
+    assert ": steps 1000, loss.alpha 0.5.\n" in text
+    assert "Settings that differ" not in page(record(row(7)), record(row(8)))
 
 
-def test_headings_name_a_setting_once():
+def test_a_setting_that_differs_is_named_once():
     one = record(row(7))
     sizes = one.recipe["size"] | {"steps": 1000, "width": 1.0}
     text = page(one, replace(record(row(7, steps=1000)), recipe=one.recipe | {"size": sizes}))
     # The steps taken equal the planned steps.
-    assert "### steps 3000, size.width 0.25\n" in text
-    assert "### steps 1000, size.width 1.0\n" in text
+    assert ": steps 3000, size.width 0.25.\n" in text
+    assert ": steps 1000, size.width 1.0.\n" in text
 
 
 def test_a_single_training_is_compared_with_no_other():
