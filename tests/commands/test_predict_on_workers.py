@@ -5,8 +5,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,11 +53,13 @@ def arguments(images: Path, model: Path, out: Path) -> list[str]:
     return ["predict", str(images), "--model", str(model), "--out", str(out), "--workers", "2"]
 
 
-def wait_until(condition: Callable[[], Any]) -> None:
+def wait_until(condition: Callable[[], Any]) -> Any:
+    """What the condition returns once it holds."""
     end = time.monotonic() + PATIENCE_S
-    while not condition():
+    while not (result := condition()):
         assert time.monotonic() < end, "it never came about"
         time.sleep(0.05)
+    return result
 
 
 def lines(out: Path) -> list[str]:
@@ -85,6 +87,31 @@ def test_results_are_those_of_one_process_and_a_bad_image_is_named(
     assert said[0] == said[1]
 
 
+@contextmanager
+def predicting(images: Path, model: Path, out: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A prediction in a process group of its own, which does not outlive the test."""
+    command = [sys.executable, "-c", PREDICT, *arguments(images, model, out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as running:
+        try:
+            yield running
+        finally:
+            if running.poll() is None:
+                os.killpg(running.pid, signal.SIGKILL)
+
+
+def write_to_reader(pipe: Path, data: bytes) -> None:
+    """Write once somebody has opened the pipe for reading."""
+
+    def opened() -> int:
+        try:
+            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            return 0
+
+    with open(wait_until(opened), "wb") as file:
+        file.write(data)
+
+
 def test_images_of_a_killed_worker_are_predicted_by_another(
     images: Path, model: Path, tmp_path: Path
 ) -> None:
@@ -94,14 +121,20 @@ def test_images_of_a_killed_worker_are_predicted_by_another(
     pixels = late.read_bytes()
     late.unlink()
     os.mkfifo(late)
-    with ThreadPoolExecutor(1) as pool:
-        run = pool.submit(main, arguments(images, model, out))
+    with predicting(images, model, out) as running:
         wait_until(lambda: len(lines(out)) == CHUNK)
-        for process in psutil.Process().children(recursive=True):
-            if "spawn_main" in " ".join(process.cmdline()):
-                process.kill()
-        late.write_bytes(pixels)  # waits for the next worker
-        run.result(PATIENCE_S)
+        workers = [
+            process
+            for process in psutil.Process(running.pid).children(recursive=True)
+            if "spawn_main" in " ".join(process.cmdline())
+        ]
+        for process in workers:
+            process.kill()
+        # One that is not dead yet would still take what the next worker is to read.
+        wait_until(lambda: not any(process.is_running() for process in workers))
+        write_to_reader(late, pixels)
+        running.communicate(timeout=PATIENCE_S)
+    assert running.returncode == 0
     assert lines(out) == lines(tmp_path / "undisturbed")
 
 
@@ -111,16 +144,11 @@ def test_ctrl_c_keeps_complete_results_and_ends_all_processes(
     late, out = images / "000025.png", tmp_path / "out"
     late.unlink()
     os.mkfifo(late)
-    command = [sys.executable, "-c", PREDICT, *arguments(images, model, out)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as running:
-        try:
-            wait_until(lambda: len(lines(out)) == CHUNK)
-            processes = psutil.Process(running.pid).children(recursive=True)
-            os.killpg(running.pid, signal.SIGINT)  # as a terminal does
-            _, said = running.communicate(timeout=PATIENCE_S)
-        except BaseException:
-            os.killpg(running.pid, signal.SIGKILL)  # `with` waits for its end
-            raise
+    with predicting(images, model, out) as running:
+        wait_until(lambda: len(lines(out)) == CHUNK)
+        processes = psutil.Process(running.pid).children(recursive=True)
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
+        _, said = running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 130
     assert b"Traceback" not in said
     assert len(lines(out)) == CHUNK and lines(out)[-1].endswith("}\n")
