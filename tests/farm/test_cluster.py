@@ -3,11 +3,14 @@
 import gc
 import os
 import signal
+import subprocess
+import sys
+import sysconfig
 from pathlib import Path
 
 import psutil
 import pytest
-from distributed import LocalCluster
+from distributed import Client, LocalCluster
 
 from shaftpose.errors import InputError
 from shaftpose.farm import workers
@@ -59,6 +62,30 @@ def test_a_scheduler_without_workers_is_warned_of(caplog: pytest.LogCaptureFixtu
             pass
     (warning,) = (r.getMessage() for r in caplog.records if r.name == workers.__name__)
     assert warning.startswith(f"{address}: the scheduler has no workers yet")
+
+
+def test_a_worker_without_shaftpose_is_named(tmp_path: Path) -> None:
+    packages = tmp_path / "packages"
+    packages.mkdir()
+    for path in Path(sysconfig.get_path("purelib")).iterdir():
+        if "shaftpose" not in path.name:
+            (packages / path.name).symlink_to(path)
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        # Without `site`, only the folder's packages are found.
+        dask = [sys.executable, "-S", "-m", "distributed.cli.dask_worker", address, "--no-nanny"]
+        environment = {**os.environ, "PYTHONPATH": str(packages)}
+        with subprocess.Popen([*dask, "--no-dashboard"], env=environment) as worker:
+            try:
+                with Client(address) as client:
+                    client.wait_for_workers(1, timeout=60)
+                with (
+                    pytest.raises(InputError, match=r"no shaftpose on this Dask worker \(1 of 1\)"),
+                    connect(settings(address=address)),
+                ):
+                    pass
+            finally:
+                worker.terminate()
 
 
 def test_an_address_that_is_none_is_named() -> None:

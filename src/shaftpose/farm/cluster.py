@@ -30,7 +30,8 @@ _JOB_LOGS = "outputs/slurm"
 def connect(settings: ClusterSettings) -> Iterator[Client]:
     """A client of the settings' workers; workers started for it end with it.
 
-    Raises InputError if the scheduler does not answer or Slurm is missing.
+    Raises InputError if the scheduler does not answer, one of its workers has no shaftpose or Slurm
+    is missing.
     """
     if settings.slurm is None:
         with client_of(settings.address or settings.workers) as client:

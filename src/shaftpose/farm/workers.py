@@ -6,6 +6,7 @@ Those of this machine listen only on 127.0.0.1.
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
 
 from distributed import Client, LocalCluster
 
@@ -26,14 +27,16 @@ def client_of(workers: int | str) -> Iterator[Client]:
     """A client of so many processes of this machine, which end with it, or of the scheduler at an
     address.
 
-    Raises InputError if the scheduler does not answer.
+    Raises InputError if the scheduler does not answer or one of its workers has no shaftpose.
     """
     with ExitStack() as stack:
         if isinstance(workers, str):
-            client = _client_at(workers)
+            client = stack.enter_context(_client_at(workers))
+            _check_workers(client)
         else:
-            client = Client(stack.enter_context(_local(workers)), set_as_default=False)
-        yield stack.enter_context(client)
+            cluster = stack.enter_context(_local(workers))
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield client
 
 
 def _client_at(address: str) -> Client:
@@ -50,6 +53,18 @@ def _client_at(address: str) -> Client:
             "`dask worker %s --nthreads 1 --memory-limit 0` runs somewhere", address, address,
         )  # fmt: skip
     return client
+
+
+def _check_workers(client: Client) -> None:
+    """Raise InputError if a worker has no shaftpose: it would die of its first task, and Dask would
+    wait for other workers without end."""
+    answers = client.run(version, "shaftpose", on_error="return")
+    without = [worker for worker, answer in answers.items() if isinstance(answer, Exception)]
+    if without:
+        raise InputError(
+            f"{without[0]}: no shaftpose on this Dask worker ({len(without)} of {len(answers)}); "
+            "start workers from an environment with the same versions as here"
+        )
 
 
 def _local(workers: int) -> LocalCluster:
