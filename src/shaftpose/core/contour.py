@@ -14,8 +14,9 @@ from shaftpose.core.geometry import Camera, axis_direction
 Array = NDArray[np.float64]
 
 LINE_SAMPLES, _ARC_SAMPLES = 40, 24  # the arc has fewer than a line
+_ALONG_LINE, _ALONG_ARC = np.linspace(0, 1, LINE_SAMPLES), np.linspace(-1, 1, _ARC_SAMPLES)
 _END_ON = 1e-6  # least px by which a line's image moves with each mm
-_FAR_PX = 1e9
+_PARALLEL = 1e-9  # least component of a direction
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
 _MARGIN_PX = 1.0
 # Samples of the rim whose normal is turned from the axis by less than about 70 deg: next to the
@@ -85,9 +86,11 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
         parts.append(_arc(tip, axis, radius, away, aside, lean, camera))
     points, outward, tangents, lengths, numbers = map(np.concatenate, zip(*parts, strict=True))
     normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
-    moved = np.sum(_by_point(points, normals, camera) * outward, axis=1)
-    normals *= np.where(moved < 0, -1.0, 1.0)[:, None]
-    motion = _motion(points, normals, pose, camera)
+    by_point = _by_point(points, normals, camera)
+    inwards = (by_point * outward).sum(axis=1) < 0
+    normals[inwards] *= -1
+    by_point[inwards] *= -1
+    motion = _motion(points, by_point, pose)
     return Contour(camera.project(points), normals, lengths, motion, numbers)
 
 
@@ -106,7 +109,7 @@ def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera
     low, high = _inside(camera.project(starts), directions, camera)
     low, high = np.maximum(low, 0.0) + _MARGIN_PX, np.minimum(high, most) - _MARGIN_PX
     seen = (low < high)[:, 0] & (speeds > _END_ON)[:, 0]
-    px = low + (high - low) * np.linspace(0, 1, LINE_SAMPLES)
+    px = low + (high - low) * _ALONG_LINE
     t = px * depths / (speeds - px * axis[2])
     points = (starts[:, None] + t[..., None] * axis)[seen].reshape(-1, 3)
     lengths = ((high - low) / LINE_SAMPLES)[seen, 0]
@@ -117,9 +120,8 @@ def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera
 def _inside(starts: Array, directions: Array, camera: Camera) -> tuple[Array, Array]:
     """The parts (2, 1) of the lines start + s direction, all in px, that lie in the image."""
     corners = np.array([[[0.0, 0.0]], [[camera.width, camera.height]]])
-    # A line parallel to a border meets it at infinity: finite, so that the arithmetic stays quiet.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.nan_to_num((corners - starts) / directions, posinf=_FAR_PX, neginf=-_FAR_PX)
+    # A line parallel to a border meets it far away.
+    ends = (corners - starts) / np.where(abs(directions) < _PARALLEL, _PARALLEL, directions)
     low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
     return low[:, None], high[:, None]
 
@@ -128,7 +130,7 @@ def _arc(
     tip: Array, axis: Array, radius: float, away: Array, aside: Array, lean: float, camera: Camera
 ) -> _Part:
     """The part of the tip's rim that faces away from the handle."""
-    half = np.linspace(-1, 1, _ARC_SAMPLES) * (np.pi / 2 + lean)
+    half = _ALONG_ARC * (np.pi / 2 + lean)
     # The lines touch the rim at +-(90 deg + lean) from `away`: one of the two arcs is outside.
     course = axis[:2] - axis[2] * tip[:2] / tip[2]
     beyond = camera.project(tip + radius * away) - camera.project(tip)
@@ -153,17 +155,16 @@ def _arc(
 def _by_point(points: Array, normals: Array, camera: Camera) -> Array:
     """How far points (N, 3) move along their normals in the image, (N, 3) px for each mm."""
     depth = points[:, 2:]
-    slope = -np.sum(normals * points[:, :2], axis=1, keepdims=True) / depth
+    slope = -(normals * points[:, :2]).sum(axis=1, keepdims=True) / depth
     return camera.focal_px / depth * np.concatenate([normals, slope], axis=1)
 
 
-def _motion(points: Array, normals: Array, pose: Array, camera: Camera) -> Array:
-    """How far points (N, 3) of a contour move along their normals in the image, (N, 5) px for each
-    mm and deg of the pose.
+def _motion(points: Array, by_point: Array, pose: Array) -> Array:
+    """How far points (N, 3) of a contour, of which `_by_point` is given, move along their normals
+    in the image, (N, 5) px for each mm and deg of the pose.
 
     A contour moves across itself as the points of the rigid body that lie on it do.
     """
-    by_point = _by_point(points, normals, camera)
     yaw = np.radians(pose[4])
     spins = [[np.sin(yaw), -np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
     torque = _cross(points - pose[:3], by_point)

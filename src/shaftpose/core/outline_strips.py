@@ -6,6 +6,7 @@ for each place along the sample's normal.
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from shaftpose.core.profiles import profiles
 
 ROWS, COLUMNS = LINE_SAMPLES, 25
 MIDDLE = COLUMNS // 2  # the column on the outline
+_SCALED = np.arange(256, dtype=np.float32) / np.float32(127.5) - 1
 
 
 class Strips(NamedTuple):
@@ -49,4 +51,4 @@ def outline_strips(rgb: NDArray[np.float32], contour: Contour, step_px: float) -
 
 def scaled(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Grey levels (H, W, 3) -> [-1, 1]."""
-    return np.asarray(rgb, np.float32) / np.float32(127.5) - 1
+    return np.asarray(cv2.LUT(rgb, _SCALED), np.float32)

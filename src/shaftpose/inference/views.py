@@ -13,7 +13,9 @@ from shaftpose.inference.calibration import Calibration
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 2  # per pixel and side, of a frame with more pixels than the model's image
+# Samples per pixel and side, of a frame with more than `_ONE_SAMPLE` times the pixels: below, linear
+# interpolation averages enough.
+_SAMPLES, _ONE_SAMPLE = 2, 1.5
 # The fine square has at most this many times the pixels a side: more take longer than they gain.
 _FINEST = 3
 
@@ -96,10 +98,11 @@ class _Resampling:
 
     def __init__(self, calibration: Calibration, target: Camera) -> None:
         ratio = calibration.matrix[0, 0] / target.focal_px
-        samples = _SAMPLES if ratio > 1 else 1
+        samples = _SAMPLES if ratio > _ONE_SAMPLE else 1
         x, y, inside = _places(calibration, target, samples)
-        # Averaged to the density of the samples first, and these to pixels after: no aliasing.
-        shrink = max(ratio / samples, 1.0)
+        # Averaged to less than twice the density of the samples first, and these to pixels after: no
+        # aliasing. OpenCV averages whole numbers of pixels ten times as fast as others.
+        shrink = max(int(ratio / samples), 1)
         self._frame = _shrunk(calibration.width, shrink), _shrunk(calibration.height, shrink)
         x = (x + 0.5) * (self._frame[0] / calibration.width) - 0.5
         y = (y + 0.5) * (self._frame[1] / calibration.height) - 0.5
@@ -115,7 +118,7 @@ class _Resampling:
         return np.asarray(cv2.resize(dense, self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _shrunk(length: int, by: float) -> int:
+def _shrunk(length: int, by: int) -> int:
     return max(round(length / by), 1)
 
 
