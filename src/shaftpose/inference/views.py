@@ -13,8 +13,8 @@ from shaftpose.inference.calibration import Calibration
 
 Array = NDArray[np.float64]
 
-# Samples per pixel and side, of a frame with more than `_ONE_SAMPLE` times the pixels: below, linear
-# interpolation averages enough.
+# Samples per pixel and side, of a frame with more than `_ONE_SAMPLE` times the pixels: of others,
+# linear interpolation averages enough.
 _SAMPLES, _ONE_SAMPLE = 2, 1.5
 # The fine square has at most this many times the pixels a side: more take longer than they gain.
 _FINEST = 3
@@ -100,8 +100,8 @@ class _Resampling:
         ratio = calibration.matrix[0, 0] / target.focal_px
         samples = _SAMPLES if ratio > _ONE_SAMPLE else 1
         x, y, inside = _places(calibration, target, samples)
-        # Averaged to less than twice the density of the samples first, and these to pixels after: no
-        # aliasing. OpenCV averages whole numbers of pixels ten times as fast as others.
+        # Averaged to less than twice the density of the samples first, and these to pixels after:
+        # no aliasing. OpenCV averages whole numbers of pixels ten times as fast as others.
         shrink = max(int(ratio / samples), 1)
         self._frame = _shrunk(calibration.width, shrink), _shrunk(calibration.height, shrink)
         x = (x + 0.5) * (self._frame[0] / calibration.width) - 0.5
