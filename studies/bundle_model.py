@@ -182,7 +182,7 @@ def card(
         notice=notice.strip(),
         real=any(images.startswith("real/") for images in scores),
         silhouettes=pipe_table(
-            ["Images", "Detected rate", "IoU", "Tip [px]", "Axis [deg]"],
+            ["Images", "Detected rate", "IoU", "Tip [px]", "Axis [deg]", "Axis [px]"],
             [
                 [
                     f"{images} ({score.images})",
@@ -190,6 +190,7 @@ def card(
                     show(score.iou, 3),
                     show(score.tip_px, 1),
                     show(score.axis_deg, 1),
+                    show(score.axis_px, 1),
                 ]
                 for images, score in scores.items()
             ],

@@ -28,6 +28,16 @@ def test_errors_are_distances_of_tips_and_angles_of_axes() -> None:
     errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [CAMERA])
     np.testing.assert_allclose(errors.tip_px, [5, 0], atol=1e-9)
     np.testing.assert_allclose(errors.axis_deg, [45, 180])
+    # The first leaves the image at (97, 0), 50 px above the estimated line, the second at (60, 0).
+    np.testing.assert_allclose(errors.axis_px, [50, 0], atol=1e-9)
+
+
+def test_axes_leave_the_image_at_its_next_border_on_their_way() -> None:
+    # The estimated axes are the lines y = 50, to the right, and x = 60, downwards. The true ones
+    # leave at (100, 42), and at a tip that is outside.
+    true = np.array([[[40.0, 54.0], [45.0, 53.0]], [[70.0, 130.0], [70.0, 140.0]]])
+    errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [CAMERA])
+    np.testing.assert_allclose(errors.axis_px, [8, 10])
 
 
 @pytest.mark.parametrize(("scores", "expected"), [([0.9, 0.4], 1), ([0.4, 0.4], 0)])
@@ -35,7 +45,7 @@ def test_only_found_instruments_with_a_known_axis_count(scores: list[float], exp
     true = np.array([[[40.0, 50.0], [50.0, 50.0]], [[60.0, 60.0], [60.0, 70.0]]])
     known = Annotations(BOXES, None)
     errors = image_errors([found(scores)], [known], [true], [CAMERA])
-    assert len(errors.tip_px) == len(errors.axis_deg) == expected
+    assert len(errors.tip_px) == len(errors.axis_deg) == len(errors.axis_px) == expected
     true[0] = np.nan
     assert not len(image_errors([found([0.9, 0.4])], [known], [true], [CAMERA]).tip_px)
     assert not len(image_errors([], [], [], []).tip_px)

@@ -72,9 +72,14 @@ def _score(
     errors = image_errors(found, known, axes, cameras, confidence)
     return replace(
         silhouette_score(found, known, overlaps, confidence),
-        tip_px=float(np.median(errors.tip_px)) if len(errors.tip_px) else None,
-        axis_deg=float(np.median(errors.axis_deg)) if len(errors.axis_deg) else None,
+        tip_px=_median(errors.tip_px),
+        axis_deg=_median(errors.axis_deg),
+        axis_px=_median(errors.axis_px),
     )
+
+
+def _median(errors: NDArray[np.float64]) -> float | None:
+    return float(np.median(errors)) if len(errors) else None
 
 
 def _silhouettes(

@@ -12,14 +12,18 @@ from shaftpose.core.geometry import Camera, projected_axes
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.boxes import Array, best_instruments, first_hits
 
+_LEAST_PX = 1e-9  # of an axis' length in the image: seen end-on, it has none
+
 
 @dataclass(frozen=True)
 class ImageErrors:
     """Errors of M matched instruments: tip_px (M,), the distance of the tips; axis_deg (M,), the
-    angle between the axes."""
+    angle between the axes; axis_px (M,), the distance from the estimated axis, as an endless line,
+    to where the true one leaves the image."""
 
     tip_px: Array
     axis_deg: Array
+    axis_px: Array
 
 
 def image_errors(
@@ -34,7 +38,7 @@ def image_errors(
 
     true_axes: (G, 2, 2) of each image.
     """
-    pairs = [np.empty((0, 2, 2, 2))]
+    pairs, sizes = [np.empty((0, 2, 2, 2))], [np.empty((0, 2))]
     for found, known, true, camera in zip(detections, annotations, true_axes, cameras, strict=True):
         found = found.above(confidence)
         order = np.argsort(-found.scores, kind="stable")
@@ -42,11 +46,24 @@ def image_errors(
         first = first_hits(hit)
         seen = projected_axes(found.poses[order][first], camera)
         pairs.append(np.stack([seen, true[hit[first]]], axis=1))
-    both = np.concatenate(pairs)
-    both = both[np.isfinite(both).all(axis=(1, 2, 3))]
+        sizes.append(np.full((len(seen), 2), [camera.width, camera.height]))
+    both, size = np.concatenate(pairs), np.concatenate(sizes)
+    known_axis = np.isfinite(both).all(axis=(1, 2, 3))
+    both, size = both[known_axis], size[known_axis]
     tips, ways = both[:, :, 0], both[:, :, 1] - both[:, :, 0]
+    ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), _LEAST_PX)
     angles = np.degrees(np.arctan2(ways[..., 1], ways[..., 0]))
+    away = _exits(tips[:, 1], ways[:, 1], size) - tips[:, 0]
     return ImageErrors(
         tip_px=np.linalg.norm(tips[:, 0] - tips[:, 1], axis=-1),
         axis_deg=np.abs((angles[:, 0] - angles[:, 1] + 180) % 360 - 180),
+        axis_px=np.abs(ways[:, 0, 0] * away[:, 1] - ways[:, 0, 1] * away[:, 0]),
     )
+
+
+def _exits(tips: Array, ways: Array, size: Array) -> Array:
+    """Where axes from `tips` along the unit vectors `ways` leave images of (width, height) `size`,
+    all (M, 2); the tip itself if it lies beyond the border."""
+    borders = np.where(ways > 0, size, 0.0)
+    steps = np.divide(borders - tips, ways, out=np.full_like(ways, np.inf), where=ways != 0)
+    return np.asarray(tips + np.maximum(steps.min(axis=-1, keepdims=True), 0) * ways)

@@ -23,8 +23,8 @@ Mask = NDArray[np.bool_]
 class SilhouetteScore:
     """One cell pair of Table II and the number of images and instruments behind it.
 
-    iou_low, iou_high: 95 % confidence interval of `iou`. tip_px, axis_deg: median errors of tip and
-    axis in the image, see `image_axes`.
+    iou_low, iou_high: 95 % confidence interval of `iou`. tip_px, axis_deg, axis_px: median errors
+    of tip and axis in the image, see `image_axes`.
     """
 
     detected_rate: float | None
@@ -35,6 +35,7 @@ class SilhouetteScore:
     iou_high: float | None = None
     tip_px: float | None = None
     axis_deg: float | None = None
+    axis_px: float | None = None
 
 
 def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) -> float | None:

@@ -56,8 +56,10 @@ TABLE_II_COLUMNS = (
 IMAGE_COLUMNS = (
     Column("clear/tip_px", "Clear: tip [px]", 1),
     Column("clear/axis_deg", "Clear: axis [deg]", 1),
+    Column("clear/axis_px", "Clear: axis [px]", 1),
     Column("occluded/tip_px", "Occluded: tip [px]", 1),
     Column("occluded/axis_deg", "Occluded: axis [deg]", 1),
+    Column("occluded/axis_px", "Occluded: axis [px]", 1),
 )
 SPREAD_ERRORS = (("tip_mm", 2), ("axis_deg", 1), ("add_s_mm", 2), ("mssd_mm", 2), ("mspd_px", 1))
 SPREAD_COLUMNS = (
