@@ -10,6 +10,8 @@ from shaftpose.deployment.refinement.edges import Offsets
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
 _LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
+# Measured (docs/beyond.md): where a reader is unsure of an edge, it states less than its offset.
+_CAUTION = 1.5
 
 
 class LearnedEdges:
@@ -42,4 +44,4 @@ class LearnedEdges:
         strips = outline_strips(rgb, contour, step_px)
         offsets, errors = (strips.of_samples(values) for values in self.read(strips.colours))
         variance = 2 * step_px**2 * (np.exp(2 * errors) + _LEAST_ERROR**2)  # of Laplace errors
-        return Offsets(step_px * offsets, strips.inside / variance)
+        return Offsets(_CAUTION * step_px * offsets, strips.inside / variance)
