@@ -149,7 +149,7 @@ def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationRepo
     assert "Tip and axis in the image" not in to_html(report)
     measured = {
         **score(0.9, 0.5), "iou_low": 0.41, "iou_high": 0.62, "tip_px": 2.25, "axis_deg": 1.5,
-            "axis_px": 3.75,
+        "axis_px": 3.75,
     }  # fmt: skip
     text = to_markdown(replace(report, silhouette={"d": {"rendered/clear": measured}}))
     assert markdown_line(text, "| rendered | D |")[3] == "0.500 (0.41 to 0.62)"

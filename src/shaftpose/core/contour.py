@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 LINE_SAMPLES, _ARC_SAMPLES = 40, 24  # the arc has fewer than a line
 _ALONG_LINE, _ALONG_ARC = np.linspace(0, 1, LINE_SAMPLES), np.linspace(-1, 1, _ARC_SAMPLES)
 _END_ON = 1e-6  # least px by which a line's image moves with each mm
-_PARALLEL = 1e-9  # least component of a direction
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
 _MARGIN_PX = 1.0
 # Samples of the rim whose normal is turned from the axis by less than about 70 deg: next to the
@@ -106,7 +105,7 @@ def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera
     # The image of t lies t speed / (depth + t axis_z) px from the image of the start.
     end_depths = depths + length_mm * axis[2]
     most = np.where(end_depths > 0, length_mm * speeds / np.maximum(end_depths, 1e-9), np.inf)
-    low, high = _inside(camera.project(starts), directions, camera)
+    low, high = camera.span(camera.project(starts), directions)
     low, high = np.maximum(low, 0.0) + _MARGIN_PX, np.minimum(high, most) - _MARGIN_PX
     seen = (low < high)[:, 0] & (speeds > _END_ON)[:, 0]
     px = low + (high - low) * _ALONG_LINE
@@ -115,15 +114,6 @@ def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera
     lengths = ((high - low) / LINE_SAMPLES)[seen, 0]
     of_lines = contacts[seen], directions[seen], lengths, np.flatnonzero(seen)
     return _Part(points, *(np.repeat(of_line, LINE_SAMPLES, axis=0) for of_line in of_lines))
-
-
-def _inside(starts: Array, directions: Array, camera: Camera) -> tuple[Array, Array]:
-    """The parts (2, 1) of the lines start + s direction, all in px, that lie in the image."""
-    corners = np.array([[[0.0, 0.0]], [[camera.width, camera.height]]])
-    # A line parallel to a border meets it far away.
-    ends = (corners - starts) / np.where(abs(directions) < _PARALLEL, _PARALLEL, directions)
-    low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
-    return low[:, None], high[:, None]
 
 
 def _arc(

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 # From the tip to a second point of the axis: in front of the camera in every pose in view.
 _AXIS_STEP_MM = 1.0
+_PARALLEL = 1e-9  # least component of a direction
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,15 @@ class Camera:
             followed = np.minimum(radius, self._rim)
             offsets = offsets * _ratio(self._distorted(followed), radius)
         return offsets + np.array([self.cx, self.cy])
+
+    def span(self, starts: Array, directions: Array) -> tuple[Array, Array]:
+        """From and to which s the lines start + s direction, (N, 2) px each, lie in the image,
+        (N, 1) each; the first is larger for lines that miss it."""
+        corners = np.array([[[0.0, 0.0]], [[self.width, self.height]]])
+        # A line parallel to a border meets it far away.
+        ends = (corners - starts) / np.where(abs(directions) < _PARALLEL, _PARALLEL, directions)
+        low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        return low[:, None], high[:, None]
 
     def rays(self, stride: int = 1) -> Array:
         """Directions (h, w, 3), with z = 1, through the centres of blocks of

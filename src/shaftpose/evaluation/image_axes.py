@@ -38,7 +38,7 @@ def image_errors(
 
     true_axes: (G, 2, 2) of each image.
     """
-    pairs, sizes = [np.empty((0, 2, 2, 2))], [np.empty((0, 2))]
+    pairs, exits = [np.empty((0, 2, 2, 2))], [np.empty((0, 2))]
     for found, known, true, camera in zip(detections, annotations, true_axes, cameras, strict=True):
         found = found.above(confidence)
         order = np.argsort(-found.scores, kind="stable")
@@ -46,14 +46,14 @@ def image_errors(
         first = first_hits(hit)
         seen = projected_axes(found.poses[order][first], camera)
         pairs.append(np.stack([seen, true[hit[first]]], axis=1))
-        sizes.append(np.full((len(seen), 2), [camera.width, camera.height]))
-    both, size = np.concatenate(pairs), np.concatenate(sizes)
-    known_axis = np.isfinite(both).all(axis=(1, 2, 3))
-    both, size = both[known_axis], size[known_axis]
+        exits.append(_exits(true[hit[first]], camera))
+    both, exit_px = np.concatenate(pairs), np.concatenate(exits)
+    of_known_axes = np.isfinite(both).all(axis=(1, 2, 3))
+    both, exit_px = both[of_known_axes], exit_px[of_known_axes]
     tips, ways = both[:, :, 0], both[:, :, 1] - both[:, :, 0]
     ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), _LEAST_PX)
     angles = np.degrees(np.arctan2(ways[..., 1], ways[..., 0]))
-    away = _exits(tips[:, 1], ways[:, 1], size) - tips[:, 0]
+    away = exit_px - tips[:, 0]
     return ImageErrors(
         tip_px=np.linalg.norm(tips[:, 0] - tips[:, 1], axis=-1),
         axis_deg=np.abs((angles[:, 0] - angles[:, 1] + 180) % 360 - 180),
@@ -61,9 +61,9 @@ def image_errors(
     )
 
 
-def _exits(tips: Array, ways: Array, size: Array) -> Array:
-    """Where axes from `tips` along the unit vectors `ways` leave images of (width, height) `size`,
-    all (M, 2); the tip itself if it lies beyond the border."""
-    borders = np.where(ways > 0, size, 0.0)
-    steps = np.divide(borders - tips, ways, out=np.full_like(ways, np.inf), where=ways != 0)
-    return np.asarray(tips + np.maximum(steps.min(axis=-1, keepdims=True), 0) * ways)
+def _exits(axes: Array, camera: Camera) -> Array:
+    """Where axes (M, 2, 2) px, on their way from the tip, leave the image, (M, 2); the tip itself
+    if it lies beyond the border."""
+    tips, ways = axes[:, 0], axes[:, 1] - axes[:, 0]
+    _, last = camera.span(tips, ways)
+    return np.asarray(tips + np.maximum(last, 0) * ways)
