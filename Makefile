@@ -4,8 +4,9 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-# `variants` of params.yaml, a list on one line.
-VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',' ' ')
+# `variants` of params.yaml, a list on one line, from the last: E trains longest, and started first it
+# leaves no core idle at the end.
+VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',' '\n' | sed '1!G;h;$$!d')
 ifeq ($(VARIANTS),)
 $(error params.yaml: `variants` must be a list on one line, as in [c, d])
 endif

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
 from shaftpose.core.markdown import pipe_table
-from shaftpose.errors import InputError
-from shaftpose.settings.parsing import from_json
+from shaftpose.handovers import read_handover
 from shaftpose.settings.parts import Positive, PositiveInt
 from studies.page_tables import rewrite, with_tables
 
@@ -100,10 +99,7 @@ def main() -> None:
 
 def read_measured() -> Measured:
     """The benchmark's results. Raises InputError if the file cannot be read."""
-    try:
-        return from_json(Measured, RESULTS)
-    except InputError as error:
-        raise InputError(f"{error}; `make bench-render` writes it") from error
+    return read_handover(RESULTS, Measured, "run `make bench-render`")
 
 
 def page(text: str, measured: Measured) -> str:

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
-from shaftpose.core.instruments import POSE_DIMENSIONS, Detections
+from shaftpose.core.instruments import Detections
 from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import Sample
 from shaftpose.deployment.bundled import bundled_model
@@ -26,6 +26,7 @@ from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.parts import CameraSettings, RenderSettings
 from shaftpose.settings.tree import Settings
@@ -107,7 +108,9 @@ def rendered(settings: Settings, frames: int) -> Iterator[Sample]:
             backgrounds[enlarged] = source
         generator = Generator(large(plan.settings), backgrounds, plan.seed)
         for index in range(frames):
-            yield generator.sample(index)
+            with blender_output_hidden():
+                sample = generator.sample(index)
+            yield sample
 
 
 def large(settings: RenderSettings) -> RenderSettings:
@@ -118,8 +121,7 @@ def large(settings: RenderSettings) -> RenderSettings:
 
 def poses(found: Detections) -> list[dict[str, float]]:
     """The poses of detections by the names of their dimensions."""
-    named = [asdict(ShaftPose.from_array(pose)) for pose in found.poses]
-    return [{name: one[name] for name in POSE_DIMENSIONS} for one in named]
+    return [asdict(ShaftPose.from_array(pose)) for pose in found.poses]
 
 
 if __name__ == "__main__":

@@ -10,16 +10,13 @@ from math import sin, tau
 from pathlib import Path
 
 import cv2
-import numpy as np
 from tqdm import tqdm
 
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.core.images import Image
 from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.json_files import write_json
 from shaftpose.rendering.blender import Renderer
-from shaftpose.rendering.compositing import apply_lens, composite
-from shaftpose.rendering.generator import read_background
+from shaftpose.rendering.generator import photograph
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
@@ -75,7 +72,10 @@ def write_film(settings: Settings, frames: int, out: Path) -> None:
     with blender_output_hidden():
         renderer = Renderer(settings.rendering)
     for scene in tqdm(scenes, "rendering", unit="frame"):
-        bgr = cv2.cvtColor(rendered(renderer, scene), cv2.COLOR_RGB2BGR)
+        with blender_output_hidden():
+            foreground = renderer.render(scene)
+        rgb = photograph(scene, foreground, settings.rendering)
+        bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
         writer.write(cv2.resize(bgr, (SIDE_PX, SIDE_PX), interpolation=cv2.INTER_CUBIC))
     writer.release()
     write_json(out / POSES, [[asdict(pose) for pose in scene.shafts] for scene in scenes])
@@ -92,17 +92,6 @@ def first_scene(settings: Settings) -> Scene:
     if found is None:
         raise InputError("params.yaml: scene.instruments: must allow two shafts")
     return found
-
-
-def rendered(renderer: Renderer, scene: Scene) -> Image:
-    """The image (H, W, 3) of a scene."""
-    with blender_output_hidden():
-        foreground = renderer.render(scene)
-    rgb = read_background(scene.background, scene.camera.width)
-    if foreground is not None:
-        where = foreground.region.slices
-        rgb[where] = composite(foreground.linear, rgb[where])
-    return np.asarray(apply_lens(rgb, scene.lens, scene.sensor_seed, None))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from shaftpose.cli import main
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.refinement import Refinement
 from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
 from shaftpose.deployment import bundled
 from shaftpose.deployment.model_facts import ModelFacts
@@ -252,6 +251,14 @@ def test_names_come_from_standard_input(
     assert [line["image"] for line in results(capsys.readouterr().out)] == [str(frame)] * 2
 
 
+def test_names_that_are_not_utf_8_are_written_as_they_are(
+    model: Path, frame: Path, tmp_path: Path
+) -> None:
+    named = frame.rename(tmp_path / "caf\udce9.png")
+    main(["predict", str(named), "--model", str(model), "--format", "csv", "--out", str(tmp_path)])
+    assert b"caf\xe9.png,0,0.75" in (tmp_path / "predictions.csv").read_bytes()
+
+
 def test_unreadable_images_are_reported_and_the_rest_goes_on(
     model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -383,11 +390,6 @@ def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--version"])
     assert re.fullmatch(r"shaftpose \d+\.\d+\.\d+\n", capsys.readouterr().out)
-
-
-def test_all_refinements_can_be_chosen(frame: Path, model: Path) -> None:
-    for refinement in get_args(Refinement):
-        main(["predict", str(frame), "--model", str(model), "--refine", refinement])
 
 
 def lightness(path: Path) -> NDArray[np.uint8]:

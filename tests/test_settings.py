@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from shaftpose.errors import InputError
-from shaftpose.settings.parsing import from_json, parse, to_json
+from shaftpose.handovers import read_handover
+from shaftpose.settings.parsing import parse, to_json
 from shaftpose.settings.parts import (
     Augmentation,
     CadSettings,
@@ -269,24 +270,8 @@ def test_render_settings_survive_json(tmp_path: Path) -> None:
     settings = parse(RenderSettings, render_values(), "params.yaml")
     path = tmp_path / "settings.json"
     path.write_text(to_json(settings))
-    assert from_json(RenderSettings, path) == settings
+    assert read_handover(path, RenderSettings, "") == settings
     assert settings.scene.instruments == (1, 2)
-
-
-def test_json_with_a_wrong_value_names_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "settings.json"
-    path.write_text('{"method": "grouped", "test": 2, "validation": 0.1}')
-    with pytest.raises(InputError) as caught:
-        from_json(SplitSettings, path)
-    assert str(caught.value).startswith(f"{path}.test = 2: ")
-
-
-def test_damaged_and_missing_json_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "settings.json"
-    path.write_text('{"method": ')
-    for file in (path, tmp_path / "missing.json"):
-        with pytest.raises(InputError, match=file.name):
-            from_json(SplitSettings, file)
 
 
 @pytest.mark.parametrize("values", [None, 3, "all"])

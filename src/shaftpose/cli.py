@@ -67,7 +67,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "such names from standard input, one a line",
     )  # fmt: skip
     _add_model(parser)
-    parser.add_argument("--score", type=_score, help="least score (the model's own threshold)")
+    parser.add_argument("--score", type=float, help="least score (the model's own threshold)")
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
         help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
@@ -76,11 +76,11 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")
     camera.add_argument(
-        "--view-deg", type=_view_deg,
+        "--view-deg", type=float,
         help="the camera: the angle across its central square, if it has no distortion",
     )  # fmt: skip
     parser.add_argument(
-        "--diameter-mm", type=_above_zero,
+        "--diameter-mm", type=float,
         help="diameter of your shafts, by which x, y and z are scaled (that of the model's shafts, "
         "with poses marked as not metric)",
     )  # fmt: skip
@@ -182,25 +182,3 @@ def _positive(text: str) -> int:
 
 def _workers(text: str) -> int | str:
     return text if "://" in text else _positive(text)
-
-
-def _above_zero(text: str) -> float:
-    return _between(text, 0.0, float("inf"))
-
-
-def _view_deg(text: str) -> float:
-    return _between(text, 0.0, 180.0)
-
-
-def _between(text: str, low: float, high: float) -> float:
-    number = float(text)
-    if not low < number < high:
-        raise argparse.ArgumentTypeError(f"{text} is not between {low:g} and {high:g}")
-    return number
-
-
-def _score(text: str) -> float:
-    number = float(text)
-    if not 0 <= number <= 1:
-        raise argparse.ArgumentTypeError(f"{text} is not from 0 to 1")
-    return number

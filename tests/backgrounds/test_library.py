@@ -6,9 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from shaftpose.backgrounds.library import procedural_sources, read_source_images, write_library
+from shaftpose.backgrounds.library import (
+    decoded_images,
+    image_files,
+    procedural_sources,
+    write_library,
+)
 from shaftpose.backgrounds.tissue import MUCOSA
-from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.backgrounds.variations import VariationRanges, sample_variation
 from shaftpose.core.background_index import Background, read_library
 from shaftpose.core.images import centre_square
 from shaftpose.errors import InputError
@@ -33,7 +38,7 @@ def test_source_images_are_found_sorted_and_rgb(tmp_path: Path) -> None:
     save(tmp_path / "a" / "z.jpeg")
     save(tmp_path / "a" / "c.TIFF")
     (tmp_path / "notes.txt").write_text("no image")
-    found = list(read_source_images(tmp_path))
+    found = list(decoded_images(tmp_path, image_files(tmp_path)))
     # Frames of one operation, in one subfolder, are one source.
     assert [source for source, _ in found] == ["a", "a", "b.PNG"]
     assert found[2][1][0, 0].tolist() == [200, 40, 30]
@@ -45,12 +50,11 @@ def test_a_corrupt_file_is_skipped_and_named(
     save(tmp_path / "good.png")
     (tmp_path / "bad.jpg").write_bytes(b"not a jpeg")
     (tmp_path / "empty.jpg").touch()
-    images = read_source_images(tmp_path)
     with caplog.at_level(logging.WARNING):
-        assert [source for source, _ in images] == ["good.png"]
-    assert images.skipped == (tmp_path / "bad.jpg", tmp_path / "empty.jpg")
-    assert str(tmp_path / "bad.jpg") in caplog.text
-    assert len(list(images)) == 1 and len(images.skipped) == 2
+        images = list(decoded_images(tmp_path, image_files(tmp_path)))
+    assert [source for source, _ in images] == ["good.png"]
+    assert f"skipped {tmp_path / 'bad.jpg'}: not a readable image" in caplog.text
+    assert f"skipped {tmp_path / 'empty.jpg'}: not a readable image" in caplog.text
 
 
 def test_a_file_that_may_not_be_read_is_skipped_and_named(
@@ -66,24 +70,23 @@ def test_a_file_that_may_not_be_read_is_skipped_and_named(
 
     # root can read any file, so its mode has no effect.
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    images = read_source_images(tmp_path)
     with caplog.at_level(logging.WARNING):
-        assert [source for source, _ in images] == ["good.png"]
-    assert images.skipped == (secret,)
+        images = list(decoded_images(tmp_path, image_files(tmp_path)))
+    assert [source for source, _ in images] == ["good.png"]
     assert f"skipped {secret}: cannot be read (Permission denied)" in caplog.text
 
 
 def test_a_folder_without_one_good_image_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError, match="decoded") as error:
-        list(read_source_images(tmp_path))
+        list(decoded_images(tmp_path, image_files(tmp_path)))
     assert str(tmp_path) in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("name, remedy", [("absent", "create it"), (".", "add PNG")])
 def test_missing_and_empty_folders_are_errors(tmp_path: Path, name: str, remedy: str) -> None:
     with pytest.raises(InputError, match=remedy) as error:
-        read_source_images(tmp_path / name)
+        image_files(tmp_path / name)
     assert str(tmp_path / name) in str(error.value)
 
 
@@ -132,6 +135,14 @@ def test_bytes_are_reproducible_and_do_not_depend_on_later_sources(tmp_path: Pat
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "three" / name).read_bytes()
 
 
+def test_variations_are_not_drawn_from_the_stream_of_the_tissue(tmp_path: Path) -> None:
+    write_library(sources(1), tmp_path, 2, RANGES, seed=1, size_px=8, total=1)
+    with (tmp_path / "index.csv").open() as stream:
+        _, varied = csv.DictReader(stream)
+    of_tissue = np.random.default_rng(np.random.SeedSequence([1, 0]))  # see `procedural_sources`
+    assert varied["hue_deg"] != f"{sample_variation(of_tissue, RANGES).hue_deg:.4f}"
+
+
 def test_the_seed_changes_the_variations(tmp_path: Path) -> None:
     for seed in (1, 2):
         write_library(sources(1), tmp_path / str(seed), 2, RANGES, seed=seed, size_px=8, total=1)
@@ -144,14 +155,10 @@ def test_an_interrupted_library_has_no_index(tmp_path: Path) -> None:
     images.mkdir()
     (images / "bad.jpg").write_bytes(b"not a jpeg")
     with pytest.raises(InputError):
-        write_library(read_source_images(images), tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
+        bad = decoded_images(images, image_files(images))
+        write_library(bad, tmp_path, 1, RANGES, seed=1, size_px=8, total=1)
     with pytest.raises(InputError, match="index.csv does not exist: run `dvc repro backgrounds`"):
         read_library(tmp_path)
-
-
-def test_no_variations_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="set it to 1 or more"):
-        write_library(sources(1), tmp_path, 0, RANGES, seed=1, size_px=8, total=1)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from benchmarks.scaling_tables import (
     quality_table,
     rounded,
 )
-from shaftpose.settings.parsing import from_json
 
 # 2 workers, 10 images/s: 0.2 core-seconds each.
 FOUND: dict[str, Any] = {
@@ -58,7 +57,7 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def measured(results: Path) -> Measured:
-    return from_json(Measured, results)
+    return scaling_tables.read_measured()
 
 
 def test_costs_by_hand(measured: Measured) -> None:
@@ -134,4 +133,4 @@ def test_main_fills_the_page(
 
 def test_the_page_shows_what_was_measured() -> None:
     text = PAGE.read_text()
-    assert page(text, from_json(Measured, scaling_tables.RESULTS)) == text
+    assert page(text, scaling_tables.read_measured()) == text

@@ -89,6 +89,14 @@ def test_backgrounds_are_squares_of_no_operation_of_the_tests(
         assert rgb.mean() > 180  # of the picture's bright columns
 
 
+def test_annotations_are_not_replaced(sources: dict[str, Source], tmp_path: Path) -> None:
+    mine = tmp_path / "test.json"
+    mine.write_text("mine")
+    with pytest.raises(InputError, match=r"test\.json: would be replaced; name a new folder"):
+        fetch(tmp_path, sources)
+    assert mine.read_text() == "mine"
+
+
 def test_a_failed_download_is_one_error(sources: dict[str, Source], tmp_path: Path) -> None:
     missing = sources | {FRAMES: Source(f"file://{tmp_path}/nowhere", "0" * 40, "CC0")}
     with pytest.raises(InputError, match=r"git: .*nowhere.*; check the connection"):

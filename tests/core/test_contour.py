@@ -59,6 +59,7 @@ def test_only_a_flat_tip_has_a_rim() -> None:
 def test_normals_leave_a_shaft_that_passes_close_to_the_camera() -> None:
     pose = np.array([2.46, -10.35, 6.27, 56.51, 114.39])  # the axis is 2.1 mm away
     contour, mask = shaft_contour(pose, SHAFT, CAMERA), fine_mask(pose)
+    assert len(contour.points) > 30
     at = (FINER * (contour.points - 0.5 * contour.normals)).astype(int)
     seen = np.all((at >= 0) & (at < FINER * SIDE_PX), axis=1)
     assert np.all(mask[at[seen, 1], at[seen, 0]])

@@ -82,6 +82,7 @@ def test_a_file_that_is_no_image_is_named(tmp_path: Path) -> None:
 def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     assert "No such file" in complaint(tmp_path / "missing.png")
     assert "Is a directory" in complaint(tmp_path)
+    assert "null" in complaint(tmp_path / "a\0b.png")
 
 
 def test_a_file_that_may_not_be_read_is_named(
@@ -117,6 +118,11 @@ def test_a_header_that_states_a_giant_is_no_image() -> None:
     data[16:20] = (2**30).to_bytes(4, "big")
     data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
     assert decode_rgb(bytes(data)) is None
+
+
+def test_an_image_too_large_for_a_jpeg_is_refused() -> None:
+    with pytest.raises(InputError, match=r"2 x 65501 px: a JPEG has at most 65,500"):
+        encode_jpeg(np.zeros((65501, 2, 3), np.uint8), 90)
 
 
 def test_jpeg_is_deterministic_and_close_to_the_image(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Real images: what a COCO file may hold, the crop to a square, and the way back to a file."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -641,9 +640,15 @@ def test_axes_follow_the_central_square(tmp_path: Path) -> None:
     shaft = RealInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
     square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
     np.testing.assert_allclose(square.axes, [[[50, 10], [70, 30]]])
-    unknown = replace(shaft, axis=None)
-    square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (unknown,)), 50)
-    assert square.axes.shape == (1, 2, 2) and np.isnan(square.axes).all()
+
+
+def test_a_tip_may_be_known_alone(tmp_path: Path) -> None:
+    content = coco_content()
+    content["annotations"][1]["attributes"] = {"tip": [20.0, 30.0]}
+    _, wide = read_coco(write_dataset(tmp_path, content))  # its square is columns 10 to 50
+    unknown = [np.nan, np.nan]
+    expected = [[unknown, unknown], [[5, 15], unknown]]
+    np.testing.assert_array_equal(load_square(wide, 20).axes, expected)
 
 
 def square_samples() -> list[tuple[str, RealSample]]:

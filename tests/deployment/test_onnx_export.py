@@ -1,4 +1,5 @@
 import io
+import math
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,8 @@ from torch.nn import functional
 
 from shaftpose.core.instruments import Detections
 from shaftpose.deployment.onnx_export import export_onnx
-from shaftpose.deployment.parity import check_parity
+from shaftpose.deployment.parity import check_parity, mask_difference
+from shaftpose.deployment.predictor import Predictor
 from shaftpose.network.classification_head import ArchitectureB
 from shaftpose.network.dense_network import DenseNetwork
 from shaftpose.network.detector import ShaftDetector
@@ -174,6 +176,11 @@ def test_a_dense_network_is_exported_with_its_decoding(tmp_path: Path) -> None:
     detector = ShaftDetector(network, LIMITS)
     export_onnx(detector, tmp_path / "dense.onnx", 299)
     file = file_of(onnxruntime.InferenceSession(tmp_path / "dense.onnx"))
-    parity = check_parity(detector, file, random_images(3).numpy(), least_score=0.0)
+    images = random_images(3).numpy()
+    parity = check_parity(detector, file, images, least_score=0.0)
     assert parity.holds
     assert parity.detections > 3
+    apart = mask_difference(detector, Predictor(tmp_path / "dense.onnx"), images)
+    assert apart < 1e-5
+    assert replace(parity, mask=apart).holds and not replace(parity, mask=0.01).holds
+    assert not replace(parity, mask=math.nan).holds

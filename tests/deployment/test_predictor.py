@@ -139,5 +139,8 @@ def test_what_is_no_model_is_named(content: bytes | None, tmp_path: Path) -> Non
     path = tmp_path / "model.onnx"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match=r"model\.onnx: no(t a readable ONNX| such) model"):
+    with pytest.raises(
+        InputError,
+        match=r"model\.onnx: no(t a readable ONNX| such file; export it, or name a) model",
+    ):
         Predictor(path)

@@ -446,7 +446,7 @@ def test_a_second_run_of_the_same_set_or_into_the_same_folder_does_not_disturb_t
         (rendered, tmp_path / "elsewhere", scratch / rendered.fingerprint()),
         (another, out, out),
     ):
-        with pytest.raises(InputError, match="another run is rendering into this folder") as caught:
+        with pytest.raises(InputError, match="another run is writing to this folder") as caught:
             render_set(second, scratch, second_out, client, PATIENCE_S)
         assert str(caught.value).startswith(f"{refused}: ")
     stopped.resume()

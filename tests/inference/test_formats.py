@@ -37,6 +37,12 @@ def test_json_lines_hold_a_frame_each() -> None:
     }]  # fmt: skip
 
 
+def test_a_yaw_is_below_360_once_it_is_rounded() -> None:
+    nearly = replace(SHAFT, pose=replace(SHAFT.pose, yaw_deg=359.996))
+    (shaft,) = json.loads(json_line(Frame("a.png", 0, RGB), [nearly]))["instruments"]
+    assert shaft["yaw_deg"] == 0
+
+
 def test_json_lines_state_the_deviations_of_fitted_poses() -> None:
     fitted = replace(SHAFT, deviations=np.array([0.1, 0.2, 0.30004, 4.0, 5.0]))
     (row,) = json.loads(json_line(Frame("a.png", 0, RGB), [fitted]))["instruments"]

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from shaftpose.core.images import read_rgb
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.errors import InputError
 from shaftpose.inference.loading import load
 from tests.inference.test_calibration import FILE
@@ -64,6 +66,16 @@ def test_a_model_that_is_not_there_is_named() -> None:
 def test_options_without_a_meaning_are_named(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         load(**options)
+
+
+@pytest.mark.parametrize("option", [{"view_deg": 95.0}, {"camera": "lens.yml"}])
+def test_a_model_of_a_distorting_lens_takes_no_other_camera(
+    option: dict[str, Any], constant_model: Path
+) -> None:
+    store_facts(constant_model, ModelFacts(confidence=0.5, distorted=True))
+    load(constant_model)
+    with pytest.raises(InputError, match=r"constant\.onnx: was trained with lens distortion"):
+        load(constant_model, **option)
 
 
 def test_a_model_may_be_a_path() -> None:

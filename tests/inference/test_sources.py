@@ -31,7 +31,7 @@ def test_a_dash_stands_for_lines_which_are_read_in_their_turn() -> None:
     read: list[str] = []
 
     def lines() -> Iterator[str]:
-        for line in ("a b.png\n", "c.avi\r\n"):
+        for line in ("a b.png\n", "\n", "c.avi\r\n"):
             read.append(line)
             yield line
 

@@ -49,11 +49,6 @@ def test_padding_is_never_matched() -> None:
     assert matched([left, left], [False, False]) == [-1, -1, -1, -1]
 
 
-def test_no_ground_truth_at_all() -> None:
-    result = match_boxes(torch.zeros(2, 0, 4), torch.zeros(2, 0, dtype=torch.bool), DEFAULTS)
-    assert result.tolist() == [[-1] * 4] * 2
-
-
 def test_images_of_a_batch_do_not_mix() -> None:
     boxes = torch.tensor([[[0.1, 0.1, 0.4, 0.4]], [[0.5, 0.2, 0.95, 0.8]]])
     valid = torch.ones(2, 1, dtype=torch.bool)

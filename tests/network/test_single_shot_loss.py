@@ -123,8 +123,8 @@ def test_no_instrument_no_loss(pose_coder: RegressionCoder) -> None:
 
 def test_batch_without_any_ground_truth(pose_coder: RegressionCoder) -> None:
     empty = Targets(
-        torch.zeros(1, 0, 4), torch.zeros(1, 0, 5),
-        torch.zeros(1, 0, dtype=torch.bool), torch.tensor([True]),
+        torch.zeros(1, 1, 4), torch.zeros(1, 1, 5),
+        torch.tensor([[False]]), torch.tensor([True]),
     )  # fmt: skip
     terms = paper_loss(zero_outputs(), empty, pose_coder)
     terms.loss.backward()

@@ -28,6 +28,12 @@ PARAMETERS = {
     "stand_in": {"camera", "poses", "shaft", "scene", "lens", "render", "real"},
     "real_source": {"real"},
 }
+# Code of the package that stages hand all settings.
+RECEIVERS = {
+    "train": "training/recipe.py",
+    "detector": "training/recipe.py",
+    "evaluate": "deployment/results.py",
+}
 # Paths, place of computation and tracking.
 FREE = {"out", "results", "model_folder", "tracking", "cluster", "variant.name"}
 WITHOUT_EFFECT = {
@@ -35,6 +41,8 @@ WITHOUT_EFFECT = {
     "train": {"detection", "profile"},
     # Building a network needs only the shape of the loss; the file states parts of the shaft.
     "export": {"loss", "render", "scene", "lens", "shaft"},
+    # Of the rendering, it reads poses and shaft.
+    "evaluate": {"camera", "scene", "lens", "render"},
     # A silhouette depends only on camera, lens and shaft.
     "evaluate_real": {"poses", "scene", "render"},
     "validate": {"render"},
@@ -86,10 +94,8 @@ def test_farm_and_report_retrain_nothing() -> None:
 
 def settings_read(stage: str) -> set[str]:
     """`settings.a.b` -> a.b, in the stage's script and in the code that receives all settings."""
-    sources = [script(stage)]
-    if stage in ("train", "detector"):
-        sources.append(ROOT / PACKAGE / "training/recipe.py")
-    texts = [path.read_text() for path in sources]
+    receivers = [ROOT / PACKAGE / RECEIVERS[stage]] if stage in RECEIVERS else []
+    texts = [path.read_text() for path in (script(stage), *receivers)]
     return {
         name
         for text in texts

@@ -18,6 +18,6 @@ def test_a_stage_is_refused_while_another_run_has_its_folder(
         done = run("env", f"--chdir={tmp_path}", *command)
     assert done.returncode == 1
     assert done.stderr.strip() == (
-        f"error: {out}: another run is rendering into this folder; wait for it to end"
+        f"error: {out}: another run is writing to this folder; wait for it to end"
     )
     assert not out.exists()

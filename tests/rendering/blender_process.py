@@ -20,9 +20,9 @@ def start_python(
     lines = [
         "import json",
         "from pathlib import Path",
-        "from shaftpose.settings.parsing import from_json",
+        "from shaftpose.handovers import read_handover",
         "from shaftpose.settings.parts import RenderSettings",
-        f"settings = from_json(RenderSettings, Path({str(folder / 'settings.json')!r}))",
+        f"settings = read_handover(Path({str(folder / 'settings.json')!r}), RenderSettings, '')",
         f"globals().update(json.loads({json.dumps(arguments)!r}))",
         script,
     ]

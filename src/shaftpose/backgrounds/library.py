@@ -5,8 +5,7 @@ colour variation of each file.
 """
 
 import logging
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,45 +31,6 @@ JPEG_QUALITY = 95
 log = logging.getLogger(__name__)
 
 
-@dataclass
-class SourceImages:
-    """The images of a folder, decoded one at a time during iteration.
-
-    Iterating yields (id, RGB image). The id is the file's name or its subfolder's: frames of one
-    operation are similar, and images with one id stay together in a split. Files that cannot be
-    read or decoded are skipped and collected in `skipped`, which is complete after the iteration.
-    """
-
-    folder: Path
-    paths: tuple[Path, ...]
-    _skipped: list[Path] = field(default_factory=list, init=False, repr=False)
-
-    @property
-    def skipped(self) -> tuple[Path, ...]:
-        """The files of the last iteration that could not be read or decoded."""
-        return tuple(self._skipped)
-
-    def __len__(self) -> int:
-        """The number of image files, unreadable ones included."""
-        return len(self.paths)
-
-    def __iter__(self) -> Iterator[tuple[str, Image]]:
-        self._skipped.clear()
-        for path in self.paths:
-            try:
-                image = read_rgb(path)
-            except InputError as error:
-                self._skipped.append(path)
-                log.warning("skipped %s", error)
-            else:
-                yield path.relative_to(self.folder).parts[0], image
-        if len(self._skipped) == len(self.paths):
-            raise InputError(
-                f"none of the {len(self.paths)} images in {self.folder} can be read and "
-                "decoded: replace them with intact PNG, JPEG, BMP or TIFF files"
-            )
-
-
 def write_backgrounds(
     settings: BackgroundSettings, sources: int, variations: int, side_px: int, seed: int, out: Path
 ) -> None:
@@ -84,14 +44,15 @@ def write_backgrounds(
         tissues = procedural_sources(sources, seed, side_px, MUCOSA)
         write_library(tissues, out, variations, ranges, seed, side_px, sources)
     else:
-        images = read_source_images(Path(settings.source))
-        write_library(images, out, variations, ranges, seed, side_px, len(images))
-        log.info("%d unreadable images were skipped", len(images.skipped))
+        folder = Path(settings.source)
+        paths = image_files(folder)
+        images = decoded_images(folder, paths)
+        write_library(images, out, variations, ranges, seed, side_px, len(paths))
     log.info("the backgrounds are in %s", out)
 
 
-def read_source_images(folder: Path) -> SourceImages:
-    """The image files below `folder`, sorted by relative path, not yet decoded."""
+def image_files(folder: Path) -> list[Path]:
+    """The image files below a folder, sorted by path. Raises InputError if there are none."""
     if not folder.is_dir():
         raise InputError(f"background folder {folder} does not exist: create it and put images in")
     found = [path for path in folder.rglob("*") if _is_image_file(path)]
@@ -99,11 +60,34 @@ def read_source_images(folder: Path) -> SourceImages:
         raise InputError(
             f"background folder {folder} holds no images: add PNG, JPEG, BMP or TIFF files"
         )
-    return SourceImages(folder, tuple(sorted(found, key=lambda path: path.as_posix())))
+    return sorted(found, key=lambda path: path.as_posix())
 
 
 def _is_image_file(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()
+
+
+def decoded_images(folder: Path, paths: Sequence[Path]) -> Iterator[tuple[str, Image]]:
+    """Pairs (id, RGB image) of files below `folder`, decoded one at a time.
+
+    The id is the file's name or its subfolder's: frames of one operation are similar, and images
+    with one id stay together in a split. Files that cannot be read or decoded are skipped with a
+    warning. Raises InputError if all are.
+    """
+    skipped = 0
+    for path in paths:
+        try:
+            image = read_rgb(path)
+        except InputError as error:
+            skipped += 1
+            log.warning("skipped %s", error)
+        else:
+            yield path.relative_to(folder).parts[0], image
+    if skipped == len(paths):
+        raise InputError(
+            f"none of the {skipped} images in {folder} can be read and decoded: replace them with "
+            "intact PNG, JPEG, BMP or TIFF files"
+        )
 
 
 def procedural_sources(
@@ -129,8 +113,6 @@ def write_library(
     total: number of sources, for the progress bar. The index is written last, so a library with an
     index is complete.
     """
-    if variations < 1:
-        raise InputError(f"variations per background is {variations}: set it to 1 or more")
     out.mkdir(parents=True, exist_ok=True)
     (out / INDEX_NAME).unlink(missing_ok=True)
     rows: list[tuple[str, ...]] = []
@@ -146,7 +128,8 @@ def write_library(
 def _variations(
     source_number: int, count: int, ranges: VariationRanges, seed: int
 ) -> Iterator[Variation]:
-    rng = np.random.default_rng(np.random.SeedSequence([seed, source_number]))
+    # Not the stream that drew the tissue itself.
+    rng = np.random.default_rng(np.random.SeedSequence([seed, source_number, 1]))
     yield UNALTERED
     for _ in range(count - 1):
         yield sample_variation(rng, ranges)

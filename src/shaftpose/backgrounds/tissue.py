@@ -1,7 +1,7 @@
 """Procedural endoscopic tissue: endoscope images without instruments.
 
 A relief of walls, funnels and folds (`relief`) is covered with tissue (`skin`), lit from the scope
-(`light`) and seen by its camera (`exposure`). Colours are linear RGB before the camera.
+(`tissue_light`) and seen by its camera (`exposure`). Colours are linear RGB before the camera.
 """
 
 from dataclasses import dataclass

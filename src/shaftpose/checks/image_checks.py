@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -31,6 +31,7 @@ from shaftpose.core.geometry import (
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.shards import SHAFT_OBJECT_ID
 from shaftpose.errors import InputError
+from shaftpose.rendering.optics import camera_with
 from shaftpose.settings.parts import LensSettings, PoseRanges, RenderSettings, SceneSettings
 
 LEAST_IOU = 0.95  # between a mask and the silhouette computed from pose and camera
@@ -65,7 +66,7 @@ def check_image(
         image = read_image(members, settings.camera.size_px)
     except InputError as error:
         return None, [str(error)]
-    camera = _camera(image, settings)
+    camera = camera_with(settings, *image.camera.distortion)
     depths = cylinder_depths(image, camera, body)
     ious = silhouette_ious(image, depths)
     least = LEAST_IOU_DISTORTED if camera.k1 or camera.k2 else LEAST_IOU
@@ -375,11 +376,3 @@ def _facts(key: str, image: AnnotatedImage, body: Body, ious: Sequence[float | N
 
 def _axis(pose: ShaftPose, length_mm: float) -> tuple[Array, Array]:
     return pose.tip_mm, pose.tip_mm + length_mm * pose.direction
-
-
-def _camera(image: AnnotatedImage, settings: RenderSettings) -> Camera:
-    """The image's camera; only the distortion varies within a set."""
-    size_px, view_deg = settings.camera.size_px, settings.camera.view_deg
-    plain = Camera.from_field_of_view(size_px, size_px, view_deg)
-    k1, k2 = image.camera.distortion
-    return replace(plain, k1=k1, k2=k2, field_px=settings.lens.field_px)

@@ -6,6 +6,7 @@ tests. Backgrounds: squares without instruments; none is of an operation of the 
 
 import argparse
 import csv
+import os
 import shutil
 import subprocess
 import tempfile
@@ -22,6 +23,7 @@ from shaftpose.json_files import read_json
 _ANNOTATIONS = Path(__file__).with_name("real_images")
 _PARTS = ("train.json", "test.json")
 _BACKGROUND_PX = 512
+_NEVER_ASK = os.environ | {"GIT_TERMINAL_PROMPT": "0"}  # for a password: none is needed
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,12 @@ class Crop:
 
 def run(options: argparse.Namespace) -> None:
     """Write `images/`, `train.json`, `test.json`, `backgrounds/` and `SOURCES.txt` to a folder."""
-    fetch(options.folder, SOURCES)
+    try:
+        fetch(options.folder, SOURCES)
+    except OSError as error:
+        raise InputError(
+            f"{options.folder}: cannot be written ({error.strerror}); name another folder"
+        ) from error
     print(
         f"{options.folder} holds the images. To use them, set in params.yaml:\n"
         f"  real.source: {options.folder}\n  backgrounds.source: {options.folder / 'backgrounds'}"
@@ -73,8 +80,11 @@ def run(options: argparse.Namespace) -> None:
 def fetch(out: Path, sources: dict[str, Source]) -> None:
     """Download the images that the annotations need, and write them to a folder.
 
-    Raises InputError if git is missing or a download fails.
+    Raises InputError if the folder holds annotations already, git is missing or a download fails.
     """
+    held = [out / name for name in _PARTS if (out / name).exists()]
+    if held:
+        raise InputError(f"{held[0]}: would be replaced; name a new folder")
     parts = [read_json(_ANNOTATIONS / name, "install shaftpose again") for name in _PARTS]
     frames = [image["file_name"] for part in parts for image in part["images"]]
     crops = list(_crops(_ANNOTATIONS / "backgrounds.csv"))
@@ -111,7 +121,9 @@ def _check_out(source: Source, paths: Sequence[str], clone: Path) -> None:
 
 def _git(*arguments: str) -> None:
     try:
-        subprocess.run(["git", *arguments], check=True, capture_output=True, text=True)
+        subprocess.run(
+            ["git", *arguments], check=True, capture_output=True, text=True, env=_NEVER_ASK
+        )
     except FileNotFoundError as error:
         raise InputError("git was not found; install it to fetch real images") from error
     except subprocess.CalledProcessError as error:

@@ -26,7 +26,12 @@ def run(options: argparse.Namespace) -> None:
     else:
         shards = ShardedDataset(options.folder)
         chosen = [draw_sample(shards, key) for key in evenly_spaced(shards.keys, options.count)]
-    write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
+    try:
+        write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
+    except OSError as error:
+        raise InputError(
+            f"{options.out}: cannot be written ({error.strerror}); name another file by --out"
+        ) from error
     print(f"{len(chosen)} images are drawn in {options.out}")
 
 

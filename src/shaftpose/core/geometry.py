@@ -11,6 +11,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.angles import unsigned_deg
+
 Array = NDArray[np.float64]
 
 # From the tip to a second point of the axis: in front of the camera in every pose in view.
@@ -198,12 +200,15 @@ def projected_axes(poses: Array, camera: Camera) -> Array:
 
 def pose_from_rotation(rotation: Array, tip_mm: Array) -> ShaftPose:
     """The pose whose axis is the third column of `rotation` (3, 3); yaw in [0, 360) deg."""
-    axis = rotation[:, 2]
-    pitch = np.degrees(np.arccos(np.clip(-axis[2], -1.0, 1.0)))
-    # Twice: the remainder of a tiny negative angle rounds to 360.
-    yaw = np.degrees(np.arctan2(axis[1], axis[0])) % 360.0 % 360.0
+    return pose_along(rotation[:, 2], tip_mm)
+
+
+def pose_along(axis: Array, tip_mm: Array) -> ShaftPose:
+    """The pose with an axis, a unit vector (3,) from tip to handle; yaw in [0, 360) deg."""
+    pitch = float(np.degrees(np.arccos(np.clip(-axis[2], -1.0, 1.0))))
+    yaw = unsigned_deg(float(np.degrees(np.arctan2(axis[1], axis[0]))))
     x_mm, y_mm, z_mm = (float(value) for value in tip_mm)
-    return ShaftPose(x_mm, y_mm, z_mm, float(pitch), float(yaw))
+    return ShaftPose(x_mm, y_mm, z_mm, pitch, yaw)
 
 
 def cylinder_depth(

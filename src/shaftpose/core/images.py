@@ -27,9 +27,10 @@ def read_rgb(path: Path) -> Image:
     an image."""
     try:
         data = path.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a name that holds a NUL is a ValueError
+        reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); name a readable image file"
+            f"{path}: cannot be read ({reason}); name a readable image file"
         ) from error
     rgb = decode_rgb(data)
     if rgb is None:
@@ -38,9 +39,15 @@ def read_rgb(path: Path) -> Image:
 
 
 def encode_jpeg(rgb: Image, quality: int) -> bytes:
-    """The bytes of a JPEG file; deterministic for the same pixels and OpenCV version."""
+    """The bytes of a JPEG file; deterministic for the same pixels and OpenCV version.
+
+    Raises InputError if the image is too large for a JPEG.
+    """
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    encoded, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not encoded:
+        height, width = rgb.shape[:2]
+        raise InputError(f"{width} x {height} px: a JPEG has at most 65,500 on a side; draw less")
     return data.tobytes()
 
 

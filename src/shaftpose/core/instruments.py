@@ -4,7 +4,8 @@ Arrays follow the project's conventions: boxes are `x0, y0, x1, y1` in pixels of
 are `x_mm, y_mm, z_mm, pitch_deg, yaw_deg` in the camera frame of `shaftpose.core.geometry`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class Detections:
     scores: NDArray[np.float64]
     poses: NDArray[np.float64]
 
-    def above(self, score: float) -> "Detections":
+    def above(self, score: float) -> Self:
         """Only the detections whose score is at least `score`."""
         chosen = self.scores >= score
-        return Detections(self.boxes[chosen], self.scores[chosen], self.poses[chosen])
+        return replace(self, **{name: values[chosen] for name, values in vars(self).items()})

@@ -16,11 +16,11 @@ def read_keys(folder: Path, part: str) -> list[str]:
     """The keys of one split. Raises InputError naming the file if it is missing or empty."""
     path = folder / f"{part}.csv"
     if not path.is_file():
-        raise InputError(f"{path}: no such list; run the split stage")
+        raise InputError(f"{path}: no such list; run `dvc repro split`")
     with path.open(newline="") as stream:
         keys = [row["key"] for row in csv.DictReader(stream)]
     if not keys:
-        raise InputError(f"{path}: lists no image; run the split stage")
+        raise InputError(f"{path}: lists no image; run `dvc repro split`")
     return keys
 
 

@@ -31,6 +31,7 @@ _FARTHEST_PX = 100_000  # pycocotools needs memory for each pixel that a polygon
 
 _Number = Annotated[float, Field(strict=True)]
 Point = tuple[_Number, _Number]
+_UNKNOWN: Point = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -38,13 +39,13 @@ class RealInstrument:
     """One annotated shaft; box x0, y0, x1, y1 in pixels of the image file.
 
     mask: of the file's size; None where only the box is known. axis: x and y of the tip and of
-    another point of the axis towards the handle, None where they are not known.
+    another point of the axis towards the handle, NaN where they are not known.
     """
 
     box: tuple[float, float, float, float]
     mask: RunLengths | None
     occluded: bool
-    axis: tuple[Point, Point] | None = None
+    axis: tuple[Point, Point] = (_UNKNOWN, _UNKNOWN)
 
 
 @dataclass(frozen=True)
@@ -203,8 +204,7 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Real
         )
     (x0, y0), (x1, y1) = clipped.tolist()
     mask = _mask(annotation.segmentation, entry, f"{where}.segmentation")
-    tip, tail = annotation.tip, annotation.tail
-    axis = None if tip is None or tail is None else (tip, tail)
+    axis = (annotation.tip or _UNKNOWN, annotation.tail or _UNKNOWN)
     return RealInstrument((x0, y0, x1, y1), mask, annotation.occluded, axis)
 
 
@@ -296,8 +296,7 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
         if part is not None:
             boxes.append(part[0])
             masks.append(part[1])
-            axis = np.full((2, 2), np.nan) if instrument.axis is None else instrument.axis
-            axes.append((np.array(axis) - corner) * size_px / side)
+            axes.append((np.array(instrument.axis) - corner) * size_px / side)
             occluded |= instrument.occluded
         else:
             left_out |= _pixels(instrument, image, size_px)
@@ -360,9 +359,9 @@ def write_coco(
             {"id": number, "file_name": name, "width": width, "height": height}
         )
         parts = zip(sample.boxes.tolist(), sample.masks, sample.axes, strict=True)
-        for box, mask, (tip, tail) in parts:
-            known = np.isfinite([tip, tail]).all()
-            axis = {"tip": tip.tolist(), "tail": tail.tolist()} if known else {}
+        for box, mask, axis in parts:
+            known = zip(("tip", "tail"), axis, strict=True)
+            points = {name: point.tolist() for name, point in known if np.isfinite(point).all()}
             content["annotations"].append(
                 {
                     "id": len(content["annotations"]) + 1,
@@ -372,7 +371,7 @@ def write_coco(
                     "bbox": [box[0], box[1], box[2] - box[0], box[3] - box[1]],
                     "area": int(mask.sum()),
                     "segmentation": run_lengths.encode(mask) if with_masks else [],
-                    "attributes": {"occluded": sample.occluded, **axis},
+                    "attributes": {"occluded": sample.occluded, **points},
                 }
             )
     write_json(path, content)

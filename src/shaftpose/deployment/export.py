@@ -10,7 +10,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import read_keys
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import edge_reader_bytes, export_onnx, store_facts
-from shaftpose.deployment.parity import Parity, check_parity, edge_difference
+from shaftpose.deployment.parity import Parity, check_parity, edge_difference, mask_difference
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor, network_and_fit
 from shaftpose.deployment.refinement.learned_edges import LearnedEdges
@@ -40,6 +40,8 @@ def export_model(
     export_onnx(detector, path, IMAGE_SIDE_PX)
     predictor = Predictor(path)
     parity = check_parity(detector, predictor, images, continuous=network.continuous)
+    if network.has_mask:
+        parity = replace(parity, mask=mask_difference(detector, predictor, images))
     reader, stored = network.edge_reader(), None
     if reader is not None:
         stored = edge_reader_bytes(reader)

@@ -20,6 +20,7 @@ from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
+MASK_TOLERANCE = 0.001
 EDGE_TOLERANCE = 0.001  # columns, and logarithms
 _STRIPS = 16
 TIE = 1e-4
@@ -34,9 +35,9 @@ class Parity:
 
     detections: those of PyTorch; missing: those that the file lacks; extra: those only in the file;
     tied: those on one side only because rounding decided between equal scores; jumped: those whose
-    poses differ by more than the tolerance, of which `jumps_allowed` are accepted; edge: of the
-    edge reader's offsets, in columns of its strips, and of the logarithms of their errors, None
-    without one.
+    poses differ by more than the tolerance, of which `jumps_allowed` are accepted; mask: of the
+    probabilities of a shaft, None without a mask; edge: of the edge reader's offsets, in columns of
+    its strips, and of the logarithms of their errors, None without one.
     """
 
     images: int
@@ -49,12 +50,14 @@ class Parity:
     score: float
     box_px: float
     pose: float
+    mask: float | None = None
     edge: float | None = None
 
     @property
     def holds(self) -> bool:
         """Whether nothing is missing or extra and the differences are within their tolerances."""
-        same = self.missing == self.extra == 0 and (self.edge or 0.0) <= EDGE_TOLERANCE
+        same = self.missing == self.extra == 0 and (self.mask or 0.0) <= MASK_TOLERANCE
+        same &= (self.edge or 0.0) <= EDGE_TOLERANCE
         return same and self.score <= SCORE_TOLERANCE and self.jumped <= self.jumps_allowed
 
 
@@ -100,13 +103,23 @@ def check_parity(
     )
 
 
+def mask_difference(
+    detector: ShaftDetector, predictor: Predictor, images: NDArray[np.uint8]
+) -> float:
+    """The largest difference between the masks of a network and of its file, in images
+    (N, 299, 299, 3) uint8 RGB."""
+    with torch.inference_mode():
+        *_, masks = detector.eval()(torch.from_numpy(images))
+    return float(np.abs(masks.numpy() - predictor.masks(images)).max())
+
+
 def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
     """The largest difference between what a reader and its file say of random strips."""
     strips = np.random.default_rng(0).uniform(-1, 1, (_STRIPS, ROWS, COLUMNS, 3)).astype(np.float32)
     with torch.inference_mode():
         expected = reader.cpu().eval()(torch.from_numpy(strips.transpose(0, 3, 1, 2)))
     pairs = zip(expected, edges.read(strips), strict=True)
-    return max(float(np.abs(one.numpy() - other).max()) for one, other in pairs)
+    return float(np.max([np.abs(one.numpy() - other) for one, other in pairs]))  # NaN if any is
 
 
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:

@@ -13,6 +13,7 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.padding import unpadded
 from shaftpose.core.refinement import Refinement
+from shaftpose.deployment.bundled import bundled_names
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.refinement.learned_edges import LearnedEdges
 from shaftpose.deployment.refinement.refiner import Refiner
@@ -24,22 +25,20 @@ _OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
 class Predictor:
     """An ONNX file written by the export stage, run by onnxruntime.
 
-    refine: what the poses of a model that predicts a mask are fitted to; see `Refiner`. Raises
-    InputError naming the file if it is missing or is not such a model.
+    refine: what the poses of a model that predicts a mask are fitted to. Raises InputError naming
+    the file if it is missing or is not such a model.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        refine: Refinement = "edges",
-        providers: Sequence[str] = ("CPUExecutionProvider",),
-    ) -> None:
+    def __init__(self, path: Path, refine: Refinement = "edges") -> None:
         if not path.is_file():
-            raise InputError(f"{path}: no such model; run the export stage")
+            raise InputError(
+                f"{path}: no such file; export it, or name a model of the package: "
+                f"{', '.join(bundled_names())}"
+            )
         try:
             self._session = onnxruntime.InferenceSession(
                 str(path),
-                providers=list(providers),
+                providers=["CPUExecutionProvider"],
                 enable_fallback=0,  # to other providers, which would print to standard output
             )
         except Exception as error:  # onnxruntime's own exceptions have no common base
@@ -98,6 +97,12 @@ class Predictor:
             return found
         finer = fine or [None] * len(images)
         return [self.refiner(*each) for each in zip(images, *masks, found, finer, strict=True)]
+
+    def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The probability of a shaft (N, 299, 299) in images (N, 299, 299, 3) uint8 RGB, by a model
+        that predicts it."""
+        (masks,) = self._session.run([_MASK], {"image": images})
+        return np.asarray(masks, np.float32)
 
     def _unpadded(self, *outputs: NDArray[np.floating]) -> Iterator[Detections]:
         for number in range(len(outputs[0])):

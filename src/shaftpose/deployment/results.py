@@ -34,7 +34,7 @@ from shaftpose.figures.accuracy_figures import (
 from shaftpose.handovers import FITTED, TrainingFacts
 from shaftpose.origin import origin
 from shaftpose.settings.parsing import as_plain
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.parts import RenderSettings, ShaftSettings
 from shaftpose.settings.tree import Settings
 
 DRAWN_IMAGES, COLUMNS = 12, 4
@@ -108,18 +108,21 @@ class ModelResults:
             binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
-            summary=self._summary(rendering.shaft.diameter_mm, cameras),
+            summary=self._summary(rendering.shaft, cameras),
         )
 
     def _cameras(self) -> list[Camera]:
         """The camera that saw each detected instrument."""
-        images = _image_of_instruments(self.known)[self.errors.instruments]
-        return [self.shards.camera(self.keys[n]) for n in images]
+        images = _image_of_instruments(self.known)[self.errors.instruments].tolist()
+        cameras = {n: self.shards.camera(self.keys[n]) for n in set(images)}
+        return [cameras[n] for n in images]
 
-    def _summary(self, diameter_mm: float, cameras: Sequence[Camera]) -> Summary:
-        true = self.errors.true_poses
-        further = symmetric_errors(true + self.errors.differences, true, diameter_mm, cameras)
-        return summary(self.found, self.known, self.errors, vars(further))
+    def _summary(self, shaft: ShaftSettings, cameras: Sequence[Camera]) -> Summary:
+        true, further = self.errors.true_poses, dict[str, NDArray[np.float64]]()
+        if not shaft.cad:  # whose diameter is not known
+            estimated = true + self.errors.differences
+            further = vars(symmetric_errors(estimated, true, shaft.diameter_mm, cameras))
+        return summary(self.found, self.known, self.errors, further)
 
 
 def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:

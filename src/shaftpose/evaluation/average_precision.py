@@ -29,15 +29,13 @@ def precision_recall(
     detection of an instrument is a false positive, never matched to the next best one (as in VOC's
     development kit). Recall is 0 if the set has no instrument.
     """
-    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
-    order = np.argsort(-scores, kind="stable")
-    right = _first_finds(_hit_instruments(detections, annotations)[order])
+    scores, order, right = _ranked(detections, annotations)
     instruments = sum(len(known.boxes) for known in annotations)
     true_positives = np.cumsum(right)
     return PrecisionRecall(
         recall=true_positives / max(instruments, 1),
         precision=true_positives / np.arange(1, len(right) + 1),
-        scores=scores[order],
+        scores=scores,
     )
 
 
@@ -53,9 +51,7 @@ def resampled_average_precision(
 ) -> Callable[[Indices], float | None]:
     """The average precision of images that are drawn with replacement, as a function of their
     numbers; None for a draw without instruments. It equals that of the drawn images as a set."""
-    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
-    order = np.argsort(-scores, kind="stable")
-    right = _first_finds(_hit_instruments(detections, annotations)[order])
+    scores, order, right = _ranked(detections, annotations)
     image_of = np.repeat(np.arange(len(detections)), [len(found.scores) for found in detections])
     image_of, shown = image_of[order], np.array([len(known.boxes) for known in annotations])
 
@@ -66,11 +62,21 @@ def resampled_average_precision(
             return None
         true_positives, all_of_them = np.cumsum(weights * right), np.cumsum(weights)
         precision = true_positives / np.maximum(all_of_them, 1)
-        return average_precision(
-            PrecisionRecall(true_positives / instruments, precision, scores[order])
-        )
+        return average_precision(PrecisionRecall(true_positives / instruments, precision, scores))
 
     return resampled
+
+
+def _ranked(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> tuple[Array, Indices, NDArray[np.bool_]]:
+    """Of the detections (K,) of all images, best first: the scores, the order, and whether each is
+    a true positive."""
+    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
+    order = np.argsort(-scores, kind="stable")
+    right = np.zeros(len(scores), dtype=bool)
+    right[first_hits(_hit_instruments(detections, annotations)[order])] = True
+    return scores[order], order, right
 
 
 def _hit_instruments(
@@ -83,9 +89,3 @@ def _hit_instruments(
         hits.append(np.where(best >= 0, best + offset, -1))
         offset += len(known.boxes)
     return np.concatenate(hits)
-
-
-def _first_finds(instruments: Indices) -> NDArray[np.bool_]:
-    first = np.zeros(len(instruments), dtype=bool)
-    first[first_hits(instruments)] = True
-    return first

@@ -10,9 +10,7 @@ Interval = tuple[float, float]
 _RESAMPLES, _SHARE = 1000, 0.95
 
 
-def interval(
-    count: int, statistic: Callable[[NDArray[np.intp]], float | None], resamples: int = _RESAMPLES
-) -> Interval | None:
+def interval(count: int, statistic: Callable[[NDArray[np.intp]], float | None]) -> Interval | None:
     """The 95 % interval of a statistic of `count` images, which are independent of each other, as
     the instruments of one image are not.
 
@@ -20,7 +18,7 @@ def interval(
     None if the statistic is undefined in all resamples.
     """
     rng = np.random.default_rng(0)
-    values = [statistic(rng.integers(count, size=count)) for _ in range(resamples if count else 0)]
+    values = [statistic(rng.integers(count, size=count)) for _ in range(_RESAMPLES if count else 0)]
     defined = [value for value in values if value is not None]
     if not defined:
         return None

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import box_iou
+from shaftpose.core.instruments import Detections
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,3 +25,20 @@ def first_hits(instruments: Indices) -> Indices:
     """Position of the first hit of each instrument in (K,), by instrument; -1 is no hit."""
     found, positions = np.unique(instruments, return_index=True)
     return positions[found >= 0]
+
+
+def matched_poses(
+    detections: Detections, instruments: Array, confidence: float
+) -> tuple[Array, Indices]:
+    """The poses (M, 5) of the detections that find one of the instruments (G, 4) each, and which
+    one, (M,).
+
+    A detection with a score of at least `confidence` is matched to the instrument that it overlaps
+    most, if their IoU is at least `IOU_THRESHOLD`. Of several detections of an instrument, the best
+    score counts.
+    """
+    found = detections.above(confidence)
+    order = np.argsort(-found.scores, kind="stable")
+    hit = best_instruments(found.boxes[order], instruments)
+    first = first_hits(hit)
+    return found.poses[order][first], hit[first]

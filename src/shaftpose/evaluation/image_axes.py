@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from shaftpose.core.angles import signed_deg
 from shaftpose.core.geometry import Camera, projected_axes
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.evaluation.boxes import Array, best_instruments, first_hits
+from shaftpose.evaluation.boxes import Array, matched_poses
 
 _LEAST_PX = 1e-9  # of an axis' length in the image: seen end-on, it has none
 
@@ -40,13 +41,10 @@ def image_errors(
     """
     pairs, exits = [np.empty((0, 2, 2, 2))], [np.empty((0, 2))]
     for found, known, true, camera in zip(detections, annotations, true_axes, cameras, strict=True):
-        found = found.above(confidence)
-        order = np.argsort(-found.scores, kind="stable")
-        hit = best_instruments(found.boxes[order], known.boxes)
-        first = first_hits(hit)
-        seen = projected_axes(found.poses[order][first], camera)
-        pairs.append(np.stack([seen, true[hit[first]]], axis=1))
-        exits.append(_exits(true[hit[first]], camera))
+        poses, matched = matched_poses(found, known.boxes, confidence)
+        seen = projected_axes(poses, camera)
+        pairs.append(np.stack([seen, true[matched]], axis=1))
+        exits.append(_exits(true[matched], camera))
     both, exit_px = np.concatenate(pairs), np.concatenate(exits)
     of_known_axes = np.isfinite(both).all(axis=(1, 2, 3))
     both, exit_px = both[of_known_axes], exit_px[of_known_axes]
@@ -56,7 +54,7 @@ def image_errors(
     away = exit_px - tips[:, 0]
     return ImageErrors(
         tip_px=np.linalg.norm(tips[:, 0] - tips[:, 1], axis=-1),
-        axis_deg=np.abs((angles[:, 0] - angles[:, 1] + 180) % 360 - 180),
+        axis_deg=np.abs(signed_deg(angles[:, 0] - angles[:, 1])),
         axis_px=np.abs(ways[:, 0, 0] * away[:, 1] - ways[:, 0, 1] * away[:, 0]),
     )
 

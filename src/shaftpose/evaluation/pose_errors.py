@@ -8,7 +8,7 @@ import numpy as np
 from shaftpose.core.angles import signed_deg
 from shaftpose.core.geometry import axis_direction
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
-from shaftpose.evaluation.boxes import Array, Indices, best_instruments, first_hits
+from shaftpose.evaluation.boxes import Array, Indices, matched_poses
 
 YAW = POSE_DIMENSIONS.index("yaw_deg")
 
@@ -47,23 +47,16 @@ class PoseErrors:
 def pose_errors(
     detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> PoseErrors:
-    """Errors of every instrument that a detection with a score of at least `confidence` hits.
-
-    A detection is matched to the instrument that it overlaps most, if their IoU is at least
-    `IOU_THRESHOLD`. Of several detections of an instrument, the best score counts. Images without
-    known poses are skipped.
-    """
+    """Errors of every instrument that a detection with a score of at least `confidence` hits, see
+    `matched_poses`. Images without known poses are skipped."""
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
     instruments, offset = [np.empty(0, dtype=np.intp)], 0
     for found, known in zip(detections, annotations, strict=True):
         if known.poses is not None:
-            found = found.above(confidence)
-            order = np.argsort(-found.scores, kind="stable")
-            hit = best_instruments(found.boxes[order], known.boxes)
-            first = first_hits(hit)
-            predicted.append(found.poses[order][first])
-            true.append(known.poses[hit[first]])
-            instruments.append(hit[first] + offset)
+            poses, matched = matched_poses(found, known.boxes, confidence)
+            predicted.append(poses)
+            true.append(known.poses[matched])
+            instruments.append(matched + offset)
         offset += len(known.boxes)
     errors = errors_between(np.concatenate(predicted), np.concatenate(true))
     return replace(errors, instruments=np.concatenate(instruments))

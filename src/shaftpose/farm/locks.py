@@ -24,7 +24,7 @@ def alone_in(folder: Path, scratch: Path) -> Iterator[None]:
         lock.acquire(timeout=0)
     except Timeout as error:
         raise InputError(
-            f"{folder}: another run is rendering into this folder; wait for it to end"
+            f"{folder}: another run is writing to this folder; wait for it to end"
         ) from error
     try:
         yield

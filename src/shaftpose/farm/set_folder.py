@@ -12,8 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from shaftpose.files import new_file
+from shaftpose.handovers import read_handover
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
-from shaftpose.settings.parsing import from_json, to_json
+from shaftpose.settings.parsing import to_json
 from shaftpose.settings.parts import RenderSettings
 
 _SET = "set.json"
@@ -38,7 +39,7 @@ def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
 
 def read_set(folder: Path) -> RenderedSet:
     """The set whose shards are in `folder`."""
-    return from_json(RenderedSet, folder / _SET)
+    return read_handover(folder / _SET, RenderedSet, "render the set again")
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:

@@ -42,7 +42,7 @@ def binned_error_figure(variants: Mapping[str, Mapping[str, Sequence[ErrorBin]]]
     for row, error in zip(panels, errors, strict=True):
         for axes, quantity in zip(row, BINS, strict=True):
             for index, (title, bins) in enumerate(variants.items()):
-                _draw(axes, bins.get(quantity, ()), error, title, index)  # old results lack some
+                _draw(axes, bins[quantity], error, title, index)
             if quantity == "yaw_from_seam_deg":
                 axes.axvline(0.0, color=COLOURS[-1], linewidth=0.8, linestyle=":")
             finish(axes, QUANTITY_LABELS[quantity], f"median {ERROR_LABELS[error]}")

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from shaftpose.core.angles import unsigned_deg
+from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.errors import InputError
 from shaftpose.inference.found_shafts import FoundShaft
@@ -49,11 +51,16 @@ def as_row(shaft: FoundShaft) -> dict[str, Any]:
         "box": np.round(shaft.box, 1).tolist(),
         "tip_px": np.round(shaft.tip_px, 1).tolist(),
         "axis_px": np.round(shaft.axis_px, 1).tolist(),
-        **{name: round(getattr(shaft.pose, name), 2) for name in POSE_DIMENSIONS},
+        **_rounded(shaft.pose),
         "metric": shaft.metric,
         "deviations": None if shaft.deviations is None else _named(shaft.deviations),
         "track": shaft.track,
     }
+
+
+def _rounded(pose: ShaftPose) -> dict[str, float]:
+    values = {name: round(getattr(pose, name), 2) for name in POSE_DIMENSIONS}
+    return values | {"yaw_deg": unsigned_deg(values["yaw_deg"])}  # 359.996 is rounded to 360
 
 
 def _named(values: np.ndarray) -> dict[str, float]:

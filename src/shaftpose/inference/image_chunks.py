@@ -56,7 +56,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PredictedImage:
-    """An image file with what was found in it: a `Source` of itself.
+    """An image file with what was found in it: the only frame of itself.
 
     error: why it failed; empty if it did not.
     """

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 
 from shaftpose.core.refinement import Refinement
+from shaftpose.deployment.bundled import DEFAULT
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.inference.frame_cameras import (
@@ -38,12 +39,18 @@ def load(
 
     model: see `model_file`; None: the package's own. camera: OpenCV's calibration file; view_deg:
     instead, the angle across a frame's central square, without distortion. diameter_mm: of the
-    shafts. score: the least of a detection; None: the model's own threshold. refine: see `Refiner`.
+    shafts. score: the least of a detection; None: the model's own threshold. refine: see
+    `core.refinement`.
     Raises InputError naming the file or the option if one cannot be used.
     """
     _check(camera, view_deg, diameter_mm, score, refine)
     with model_file(None if model is None else str(model)) as path:
         predictor = Predictor(path, refine)
+    if predictor.facts.distorted and (camera is not None or view_deg is not None):
+        raise InputError(
+            f"{model or DEFAULT}: was trained with lens distortion, which no other camera's frames "
+            "can be given: leave out --camera and --view-deg"
+        )
     unknown = _unknown(predictor, camera is None and view_deg is None, diameter_mm is None)
     if unknown:
         warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")

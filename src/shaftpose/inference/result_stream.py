@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
@@ -10,6 +11,8 @@ from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Origin
 from shaftpose.inference.unwritable import naming_unwritable
+
+_AS_NAMED = "surrogateescape"  # file names are bytes, not always of UTF-8
 
 
 class ResultStream:
@@ -40,11 +43,13 @@ def result_stream(folder: Path | None, style: Format) -> Iterator[ResultStream]:
     Raises UnwritableError naming the file if it cannot be created or is there already.
     """
     if folder is None:
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(errors=_AS_NAMED)
         yield ResultStream(sys.stdout, "standard output", style)
         return
     path = folder / f"predictions.{style.suffix}"
     with naming_unwritable(path):
         folder.mkdir(parents=True, exist_ok=True)
-        stream = path.open("x")
+        stream = path.open("x", encoding="utf-8", errors=_AS_NAMED)
     with stream:
         yield ResultStream(stream, str(path), style)

@@ -18,7 +18,8 @@ def sources(names: Iterable[str], lines: Iterable[str]) -> Iterator[Source]:
     for name in names:
         if name == "-":
             for line in lines:
-                yield from _named(line.rstrip("\r\n"))
+                if written := line.rstrip("\r\n"):
+                    yield from _named(written)
         else:
             yield from _named(name)
 

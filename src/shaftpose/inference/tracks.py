@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.geometry import ShaftPose, pose_along
 from shaftpose.inference.found_shafts import Array
 
 # Power spectral densities of the accelerations that the filter expects: of the tip in mm^2 / s^3,
@@ -63,10 +63,7 @@ class Track:
 
     def pose(self) -> ShaftPose:
         """The pose after the last update."""
-        x, y, z, along_x, along_y, along_z = (float(value) for value in self._state[:6])
-        pitch = np.degrees(np.arccos(np.clip(-along_z, -1, 1)))
-        yaw = np.degrees(np.arctan2(along_y, along_x)) % 360.0
-        return ShaftPose(x, y, z, float(pitch), float(yaw))
+        return pose_along(self._state[3:6], self._state[:3])
 
     def _advance(self, time_s: float) -> None:
         step = time_s - self.time_s
@@ -87,7 +84,5 @@ def tip_and_axis(pose: ShaftPose) -> Array:
 
 def axis_derivatives(pose: ShaftPose) -> Array:
     """(3, 2) derivatives of the axis by pitch and yaw, in rad."""
-    pitch, yaw = np.radians(pose.pitch_deg), np.radians(pose.yaw_deg)
-    by_pitch = [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
-    by_yaw = [-np.sin(pitch) * np.sin(yaw), np.sin(pitch) * np.cos(yaw), 0.0]
-    return np.array([by_pitch, by_yaw]).T
+    by_pitch, across, _ = pose.rotation.T
+    return np.stack([by_pitch, -np.sin(np.radians(pose.pitch_deg)) * across], axis=1)

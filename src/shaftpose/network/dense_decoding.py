@@ -5,7 +5,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.network.decoding import gather_rows
-from shaftpose.network.dense_targets import AXIS_SCALE, WAY_PX, decoded_poses
+from shaftpose.network.dense_targets import WAY_PX, decoded_poses, decoded_tips_and_axes
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_network import DecodedOutputs
 from shaftpose.settings.parts import DetectionSettings
@@ -71,11 +71,8 @@ def _directions(mask: Tensor, maps: Tensor, tips: Tensor, pinhole: Pinhole) -> T
     far = _distances(*_offsets(centres + WAY_PX * maps[:, 1:3], tips))
     exact = (away < _NEAR_PX) & (far < _NEAR_VOTE_PX) & (mask > 0)
     weights = (exact.float() + 1e-3 * (away < _BESIDE_PX).float()).flatten(2)
-    values = _means(maps, weights)
-    poses = decoded_poses(tips, values, pinhole)
-    direction = values[..., 1:] / values.new_tensor(AXIS_SCALE)
-    direction = direction / direction.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-    way = pinhole.project(poses[..., :3] + direction) - tips
+    tips_mm, axes = decoded_tips_and_axes(tips, _means(maps, weights), pinhole)
+    way = pinhole.project(tips_mm + axes) - tips
     return way / way.norm(dim=-1, keepdim=True).clamp(min=1e-6)
 
 

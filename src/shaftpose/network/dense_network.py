@@ -21,6 +21,7 @@ from shaftpose.network.edge_reader import EdgeReader
 from shaftpose.network.edge_samples import edge_samples
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.network.residual import Residual, conv_norm_relu
 from shaftpose.settings.parts import (
     CameraSettings,
     DetectionSettings,
@@ -55,7 +56,7 @@ class DenseNetwork(PoseNetwork):
         self.edges = None if shaft is None else EdgeReader()
         before = (3, *channels[:-1])
         self.down = nn.ModuleList(
-            nn.Sequential(conv_norm_relu(i, o, 2), *([Residual(o)] if i > 3 else []))
+            nn.Sequential(conv_norm_relu(i, o, stride=(2, 2)), *([Residual(o)] if i > 3 else []))
             for i, o in zip(before, channels, strict=True)
         )
         self.up = nn.ModuleList(
@@ -108,30 +109,6 @@ class DenseNetwork(PoseNetwork):
         side = self.pinhole.side_px
         wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")
         return wide.sigmoid()[:, 0]
-
-
-class Residual(nn.Module):
-    """Two 3 x 3 convolutions with batch normalisation, and a shortcut."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.first = conv_norm_relu(channels, channels)
-        self.second = nn.Sequential(
-            nn.Conv2d(channels, channels, 3, padding=1, bias=False), nn.BatchNorm2d(channels)
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, channels, h, w) -> the same shape."""
-        return functional.relu(x + self.second(self.first(x)))
-
-
-def conv_norm_relu(in_channels: int, channels: int, stride: int = 1) -> nn.Sequential:
-    """A 3 x 3 convolution, batch normalisation and ReLU."""
-    return nn.Sequential(
-        nn.Conv2d(in_channels, channels, 3, stride, 1, bias=False),
-        nn.BatchNorm2d(channels),
-        nn.ReLU(inplace=True),
-    )
 
 
 def dense_network(

@@ -79,9 +79,14 @@ def encoded_axis(poses: Tensor) -> Tensor:
 
 def decoded_poses(tips: Tensor, values: Tensor, pinhole: Pinhole) -> Tensor:
     """Tips (..., 2) px with depth and axis (..., 4) as in the maps -> poses (..., 5) mm, deg."""
-    depth = DEPTH_MM * torch.exp(values[..., :1] / DEPTH_SCALE)
-    axis = values[..., 1:] / values.new_tensor(AXIS_SCALE)
-    axis = axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    tips_mm, axis = decoded_tips_and_axes(tips, values, pinhole)
     pitch = torch.rad2deg(torch.acos((-axis[..., 2:]).clamp(-1, 1)))
     yaw = torch.rad2deg(torch.atan2(axis[..., 1:2], axis[..., :1]))
-    return wrap_yaw(torch.cat([pinhole.lift(tips, depth), pitch, yaw], dim=-1))
+    return wrap_yaw(torch.cat([tips_mm, pitch, yaw], dim=-1))
+
+
+def decoded_tips_and_axes(tips: Tensor, values: Tensor, pinhole: Pinhole) -> tuple[Tensor, Tensor]:
+    """As `decoded_poses`, but tips (..., 3) mm and unit vectors (..., 3) towards the handles."""
+    depth = DEPTH_MM * torch.exp(values[..., :1] / DEPTH_SCALE)
+    axis = values[..., 1:] / values.new_tensor(AXIS_SCALE)
+    return pinhole.lift(tips, depth), axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)

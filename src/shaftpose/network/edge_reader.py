@@ -7,13 +7,14 @@ learns which edge is meant.
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from shaftpose.core.outline_strips import COLUMNS, MIDDLE
 from shaftpose.network.edge_samples import EdgeSamples
+from shaftpose.network.residual import Residual, conv_norm_relu
+from shaftpose.network.smooth_l1 import smooth_l1
 
 _FINE, _CHANNELS = 16, 64
-_DILATIONS = (1, 2, 4, 8)  # along the outline
+_KERNEL, _DILATIONS = (5, 1), (1, 2, 4, 8)  # along the outline
 _LOG_SCALES = (-4.0, 3.0)
 _PLAIN = 0.1  # weight of the loss that does not depend on the scales
 
@@ -24,11 +25,13 @@ class EdgeReader(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.fine = nn.Sequential(
-            *_layer(3, _FINE, (3, 3)),
-            *_layer(_FINE, _FINE, (3, 3), stride=(1, 2)),
-            *_layer(_FINE, _CHANNELS, (1, (COLUMNS + 1) // 2), padded=False),
+            *conv_norm_relu(3, _FINE),
+            *conv_norm_relu(_FINE, _FINE, stride=(1, 2)),
+            *conv_norm_relu(_FINE, _CHANNELS, (1, (COLUMNS + 1) // 2), padded=False),
         )
-        self.along = nn.Sequential(*(_Residual(dilation) for dilation in _DILATIONS))
+        self.along = nn.Sequential(
+            *(Residual(_CHANNELS, _KERNEL, (dilation, 1)) for dilation in _DILATIONS)
+        )
         self.values = nn.Conv2d(_CHANNELS, 2, 1)
 
     def forward(self, strips: Tensor) -> tuple[Tensor, Tensor]:
@@ -41,33 +44,6 @@ class EdgeReader(nn.Module):
         """Negative log-likelihood of Laplace distributions, plus a share of smooth L1; scalar."""
         offsets, log_scales = self(samples.colours)
         errors = (offsets.float() - samples.offsets).abs()
-        plain = functional.smooth_l1_loss(errors, torch.zeros_like(errors), reduction="none")
+        plain = smooth_l1(errors)
         losses = errors * torch.exp(-log_scales.float()) + log_scales.float() + _PLAIN * plain
         return (losses * samples.known).sum() / samples.known.sum().clamp(min=1)
-
-
-class _Residual(nn.Module):
-    def __init__(self, dilation: int) -> None:
-        super().__init__()
-        self.first = nn.Sequential(*_layer(_CHANNELS, _CHANNELS, (5, 1), dilation=(dilation, 1)))
-        self.second = nn.Sequential(*_layer(_CHANNELS, _CHANNELS, (5, 1))[:-1])
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(M, channels, ROWS, 1) -> the same shape."""
-        return functional.relu(x + self.second(self.first(x)))
-
-
-def _layer(
-    in_channels: int,
-    channels: int,
-    kernel: tuple[int, int],
-    stride: tuple[int, int] = (1, 1),
-    dilation: tuple[int, int] = (1, 1),
-    padded: bool = True,
-) -> list[nn.Module]:
-    """A convolution, batch normalisation and ReLU."""
-    padding = [d * (k // 2) * padded for k, d in zip(kernel, dilation, strict=True)]
-    convolution = nn.Conv2d(
-        in_channels, channels, kernel, stride, (padding[0], padding[1]), dilation, bias=False
-    )
-    return [convolution, nn.BatchNorm2d(channels), nn.ReLU(inplace=True)]

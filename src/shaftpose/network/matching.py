@@ -11,13 +11,11 @@ IOU_THRESHOLD = 0.5  # as in SSD
 def match_boxes(boxes: Tensor, valid: Tensor, defaults: Tensor) -> Tensor:
     """The ground truth of every default box, (B, A) int64, -1 for background.
 
-    boxes: (B, G, 4) `x0, y0, x1, y1`; valid: (B, G) bool; defaults: (A, 4) `cx, cy, w, h`.
+    boxes: (B, G, 4) `x0, y0, x1, y1`, G > 0; valid: (B, G) bool; defaults: (A, 4) `cx, cy, w, h`.
     A default box matches the ground truth of the highest IoU, if that is at least `IOU_THRESHOLD`.
     In addition, each valid ground truth gets the default box of the highest IoU, however small; if
     two ground truths share their best default box, the later one gets it.
     """
-    if boxes.shape[1] == 0:
-        return boxes.new_full((len(boxes), len(defaults)), -1, dtype=torch.int64)
     iou = pairwise_iou(boxes, to_corners(defaults)).masked_fill(~valid[..., None], -1.0)
     best_iou, best_truth = iou.max(dim=1)
     by_overlap = torch.where(best_iou >= IOU_THRESHOLD, best_truth, -1)

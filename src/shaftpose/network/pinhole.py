@@ -1,7 +1,5 @@
 """A camera without distortion, its optical axis at the centre of a square image, in torch."""
 
-import math
-
 import torch
 from torch import Tensor
 
@@ -13,14 +11,8 @@ class Pinhole:
 
     def __init__(self, side_px: int, view_deg: float) -> None:
         self.side_px = side_px
-        self.focal_px = side_px / (2 * math.tan(math.radians(view_deg) / 2))
-        self.centre_px = side_px / 2
-
-    @property
-    def camera(self) -> Camera:
-        """The same camera for NumPy."""
-        centre = self.centre_px
-        return Camera(self.side_px, self.side_px, self.focal_px, centre, centre)
+        self.camera = Camera.from_field_of_view(side_px, side_px, view_deg)  # the same, for NumPy
+        self.focal_px, self.centre_px = self.camera.focal_px, self.camera.cx
 
     def project(self, points: Tensor) -> Tensor:
         """(..., 3) mm -> (..., 2) px, with pixel centres at + 0.5."""

@@ -37,7 +37,7 @@ class PoseNetwork(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, images: Tensor) -> Any:
-        """(B, 3, 299, 299) in [-1, 1] -> outputs, which only the other two methods interpret."""
+        """(B, 3, 299, 299) in [-1, 1] -> outputs, which only the other methods interpret."""
 
     @abstractmethod
     def loss_terms(self, outputs: Any, targets: Targets) -> dict[str, Tensor]:

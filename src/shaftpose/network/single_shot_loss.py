@@ -123,10 +123,5 @@ class ShaftLoss(nn.Module):
 
 
 def gather_truth(values: Tensor, truth: Tensor) -> Tensor:
-    """The values (B, G, K) of each default box's ground truth, truth (B, A) -> (B, A, K).
-
-    Zeros if no image of the batch has a ground truth (G = 0).
-    """
-    if values.shape[1] == 0:
-        return values.new_zeros(*truth.shape, values.shape[2])
+    """The values (B, G, K) of each default box's ground truth, truth (B, A) -> (B, A, K)."""
     return values.gather(1, truth[..., None].expand(-1, -1, values.shape[2]))

@@ -37,30 +37,13 @@ class Generator:
     def sample(self, index: int) -> Sample:
         """Image `index` with its annotations."""
         scene, foreground, instruments = self._acceptable(index)
-        rgb = read_background(scene.background, self._settings.camera.size_px)
-        if foreground is not None:
-            where = foreground.region.slices
-            rgb = self._shadowed(rgb, scene, instruments)
-            rgb[where] = composite(foreground.linear, rgb[where])
-        camera = scene.camera
-        shown = None if camera.field_px is None else np.isfinite(camera.rays()[..., 0])
         return Sample(
             key=sample_key(index),
-            rgb=apply_lens(rgb, scene.lens, scene.sensor_seed, shown),
+            rgb=photograph(scene, foreground, self._settings),
             instruments=instruments,
-            camera=camera,
+            camera=scene.camera,
             facts=self._facts(scene, index),
         )
-
-    def _shadowed(
-        self, rgb: NDArray[np.uint8], scene: Scene, instruments: tuple[Instrument, ...]
-    ) -> NDArray[np.uint8]:
-        """The background (H, W, 3) with the scene's contact shadow."""
-        if not scene.contact_shadow:
-            return rgb
-        shafts = [(instrument.pose, instrument.mask) for instrument in instruments]
-        shadow = contact_shadow(scene.camera, shafts, lamp_places(self._settings.scene))
-        return darken(rgb, scene.contact_shadow * shadow)
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
         """The first draw that shows enough of every shaft and hides the required share of occluded
@@ -125,6 +108,24 @@ def crossed_shares(instruments: Sequence[Instrument], crossing: int) -> list[flo
     return [crossed_share(last.mask, others) for last in instruments[first:]]
 
 
+def photograph(
+    scene: Scene, foreground: Foreground | None, settings: RenderSettings
+) -> NDArray[np.uint8]:
+    """The image (H, W, 3) of a scene: its rendered foreground over its background, with the contact
+    shadow, seen through the lens. Raises InputError naming the background if it cannot be used."""
+    rgb = read_background(scene.background, settings.camera.size_px)
+    if foreground is not None:
+        if scene.contact_shadow:
+            shafts = list(zip(scene.shafts, _masks(scene, foreground), strict=True))
+            shadow = contact_shadow(scene.camera, shafts, lamp_places(settings.scene))
+            rgb = darken(rgb, scene.contact_shadow * shadow)
+        where = foreground.region.slices
+        rgb[where] = composite(foreground.linear, rgb[where])
+    camera = scene.camera
+    shown = None if camera.field_px is None else np.isfinite(camera.rays()[..., 0])
+    return apply_lens(rgb, scene.lens, scene.sensor_seed, shown)
+
+
 def _masks(scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:
     """The visible pixels (H, W) of each shaft."""
     index = np.zeros((scene.camera.height, scene.camera.width), dtype=np.int64)
@@ -137,5 +138,5 @@ def read_background(path: Path, size_px: int) -> NDArray[np.uint8]:
     """A background (size, size, 3) uint8 RGB. Raises InputError naming the file."""
     rgb = read_rgb(path)
     if rgb.shape[:2] != (size_px, size_px):
-        raise InputError(f"{path}: not {size_px} x {size_px} px; run the backgrounds stage again")
+        raise InputError(f"{path}: not {size_px} x {size_px} px; run `dvc repro backgrounds`")
     return rgb

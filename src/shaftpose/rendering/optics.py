@@ -45,9 +45,7 @@ def pinhole_behind(settings: RenderSettings) -> Camera:
             f"image empty at camera.view_deg = {settings.camera.view_deg:g}; raise k1 or k2, or "
             "set lens.field_px"
         )
-    plain = Camera.from_field_of_view(
-        settings.camera.size_px, settings.camera.size_px, settings.camera.view_deg
-    )
+    plain = replace(camera_with(settings, 0.0, 0.0), field_px=None)
     # From the principal point to the farthest pixel's outer edge; 1e-6 px absorbs rounding.
     reach_px = plain.focal_px * float(np.abs(rays[:, :2]).max()) + 0.5 - 1e-6
     return _with_margin(plain, max(0, ceil(reach_px - plain.width / 2)))

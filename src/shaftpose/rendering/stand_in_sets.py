@@ -8,6 +8,7 @@ from shaftpose.backgrounds.library import procedural_sources, write_library
 from shaftpose.backgrounds.tissue import STAND_IN
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.core.background_index import read_library
+from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
 from shaftpose.settings.parts import Distortion, RenderSettings, Size
@@ -52,7 +53,6 @@ def with_occlusion(settings: RenderSettings, hidden: float) -> RenderSettings:
     images use the one for silhouettes.
     """
     changed = OCCLUDED | {"occluder_probability": hidden} if hidden else CLEAR
-    bent = settings.lens.distortion
-    (k1_mid, k2_mid) = (sum(ends) / 2 for ends in (bent.k1, bent.k2))
-    middle = Distortion(k1=(k1_mid, k1_mid), k2=(k2_mid, k2_mid))
-    return replace(with_scene(settings, changed), lens=replace(settings.lens, distortion=middle))
+    middle = middle_camera(settings)
+    lens = replace(settings.lens, distortion=Distortion((middle.k1,) * 2, (middle.k2,) * 2))
+    return replace(with_scene(settings, changed), lens=lens)

@@ -3,7 +3,6 @@
 import base64
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
@@ -40,44 +39,24 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
         *report_tables.table_i_scale(report),
-        *_optional(
-            f"{level} Intervals and spread of the errors",
-            report_tables.SPREAD,
-            report_tables.SPREAD_COLUMNS,
-            report_tables.spread_rows(report),
-        ),
-        *_optional(
-            f"{level} Near and far",
-            report_tables.DEPTHS,
-            report_tables.depth_headings(report),
-            report_tables.depth_rows(report),
-        ),
+        *_optional(report_tables.spread_table(report), level),
+        *_optional(report_tables.depth_table(report), level),
         f"{level} Table II: re-rendered silhouettes (paper / ours)",
         "A single value is ours: the paper has no such row.",
         pipe_table(headings_ii, rows_ii),
         *report_tables.table_ii_scale(report),
-        *_optional(
-            f"{level} Tip and axis in the image",
-            report_tables.IMAGE_ERRORS,
-            ["Images", "Variant", *(c.heading for c in report_tables.IMAGE_COLUMNS)],
-            report_tables.image_errors(report),
-        ),
+        *_optional(report_tables.image_table(report), level),
         f"{level} How each variant was trained",
         pipe_table(report_tables.SETUP_COLUMNS, report_tables.setup_rows(report)),
-        *_optional(
-            f"{level} How these numbers were made",
-            report_tables.ORIGIN.format(profile=report.profile),
-            report_tables.ORIGIN_COLUMNS,
-            report_tables.origin_rows(report),
-        ),
+        *_optional(report_tables.origin_table(report), level),
     ]
 
 
-def _optional(
-    title: str, note: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
-) -> list[str]:
-    """Title, note and table; nothing if no row was measured."""
-    return [title, note, pipe_table(headings, rows)] if rows else []
+def _optional(table: report_tables.Table, level: str) -> list[str]:
+    """Title, note and table; nothing if it has no row."""
+    if not table.rows:
+        return []
+    return [f"{level} {table.title}", table.note, pipe_table(table.headings, table.rows)]
 
 
 def table_i_block(rows: list[ComparedRow], columns: tuple[report_tables.Column, ...]) -> str:
@@ -127,24 +106,12 @@ def to_html(report: AblationReport) -> str:
         rows_i=report_tables.table_i(report),
         rows_ii=report_tables.table_ii(report),
         setup_rows=report_tables.setup_rows(report),
-        origin_note=report_tables.ORIGIN.format(profile=report.profile),
-        origin_headings=report_tables.ORIGIN_COLUMNS,
-        origin_rows=report_tables.origin_rows(report),
         notes_i=report_tables.table_i_scale(report),
         notes_ii=report_tables.table_ii_scale(report),
-        image_headings=[
-            "Images",
-            "Variant",
-            *(column.heading for column in report_tables.IMAGE_COLUMNS),
-        ],
-        image_rows=report_tables.image_errors(report),
-        image_note=report_tables.IMAGE_ERRORS,
-        spread_headings=report_tables.SPREAD_COLUMNS,
-        spread_rows=report_tables.spread_rows(report),
-        spread_note=report_tables.SPREAD,
-        depth_headings=report_tables.depth_headings(report),
-        depth_rows=report_tables.depth_rows(report),
-        depth_note=report_tables.DEPTHS,
+        spread=report_tables.spread_table(report),
+        near_and_far=report_tables.depth_table(report),
+        in_the_image=report_tables.image_table(report),
+        origins=report_tables.origin_table(report),
         figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
         missing=MISSING,
     )

@@ -1,7 +1,7 @@
 """The report's tables as text cells, for both Markdown and HTML."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from shaftpose.evaluation.binned_errors import ErrorBin
@@ -127,6 +127,16 @@ class ComparedRow:
     champion: bool = False
 
 
+@dataclass(frozen=True)
+class Table:
+    """A table with a title and a note, left out if it has no row."""
+
+    title: str
+    note: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
 def show(value: float | int | None, decimals: int) -> str:
     """A number with thousands separated, or "n/a" if it is missing or not finite."""
     if value is None or not math.isfinite(value):
@@ -160,12 +170,11 @@ def beside_paper(
     ]
 
 
-def spread_rows(report: AblationReport) -> list[list[str]]:
-    """Intervals, medians and 95th percentiles of each variant that has them, in the order of
-    `SPREAD_COLUMNS`."""
-    return [
+def spread_table(report: AblationReport) -> Table:
+    """Intervals, medians and 95th percentiles of each variant that has them."""
+    rows = [
         [
-            variant_title(row.variant, report.domain_label, row.title),
+            report.title(row.variant),
             show_interval(row.summary.mAP, 3),
             show_interval(row.summary.detected_rate, 3),
             show(row.summary.detected_rate_at_half, 3),
@@ -174,6 +183,7 @@ def spread_rows(report: AblationReport) -> list[list[str]]:
         for row in report.rows
         if row.summary
     ]
+    return Table("Intervals and spread of the errors", SPREAD, SPREAD_COLUMNS, rows)
 
 
 def show_interval(ends: Interval | None, decimals: int) -> str:
@@ -189,19 +199,13 @@ def _error_cell(summary: Summary, name: str, decimals: int) -> str:
     return "{}; {} ({} to {})".format(*(show(value, decimals) for value in shown))
 
 
-def depth_headings(report: AblationReport) -> list[str]:
-    """The headings of `depth_rows`."""
-    bins = next((row.depths for row in report.rows if row.depths), ())
-    return ["Variant", *(f"{one.low:g} to {one.high:g} mm" for one in bins)]
-
-
-def depth_rows(report: AblationReport) -> list[list[str]]:
+def depth_table(report: AblationReport) -> Table:
     """The bias of the depth of each variant that has it, by true depth."""
-    rows = [
-        [variant_title(row.variant, report.domain_label, row.title), *map(_bias, row.depths)]
-        for row in report.rows
-    ]
-    return [row for row in rows if set(row[1:]) - {MISSING}]
+    bins = next((row.depths for row in report.rows if row.depths), ())
+    headings = ["Variant", *(f"{one.low:g} to {one.high:g} mm" for one in bins)]
+    rows = [[report.title(row.variant), *map(_bias, row.depths)] for row in report.rows]
+    known = [row for row in rows if set(row[1:]) - {MISSING}]
+    return Table("Near and far", DEPTHS, headings, known)
 
 
 def _bias(depth: ErrorBin) -> str:
@@ -228,15 +232,16 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
     ]
 
 
-def image_errors(report: AblationReport) -> list[list[str]]:
-    """Images, variant and errors of tip and axis in the image, in the order of `IMAGE_COLUMNS`;
-    without variants for which they were not measured."""
+def image_table(report: AblationReport) -> Table:
+    """Errors of tip and axis in the image, without variants for which they were not measured."""
+    headings = ["Images", "Variant", *(column.heading for column in IMAGE_COLUMNS)]
     rows = [
         [domain, report.title(variant), *cells(_by_set(sets, domain), IMAGE_COLUMNS)]
         for domain in (RENDERED, report.domain_label)
         for variant, sets in report.silhouette.items()
     ]
-    return [row for row in rows if set(row[2:]) != {MISSING}]
+    known = [row for row in rows if set(row[2:]) != {MISSING}]
+    return Table("Tip and axis in the image", IMAGE_ERRORS, headings, known)
 
 
 def _with_intervals(values: MetricValues) -> list[str]:
@@ -253,7 +258,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
     """Training settings of each variant, cells in the order of `SETUP_COLUMNS`."""
     return [
         [
-            variant_title(row.variant, report.domain_label, row.title),
+            report.title(row.variant),
             *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
             str(row.batch_size),
             *(MISSING if scale is None else f"{scale:g}" for scale in (row.width, row.depth)),
@@ -267,12 +272,11 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
     ]
 
 
-def origin_rows(report: AblationReport) -> list[list[str]]:
-    """How the numbers of each variant were made, if that is known, cells in the order of
-    `ORIGIN_COLUMNS`."""
-    return [
+def origin_table(report: AblationReport) -> Table:
+    """How the numbers of each variant were made, if that is known."""
+    rows = [
         [
-            variant_title(row.variant, report.domain_label, row.title),
+            report.title(row.variant),
             row.origin.command,
             row.origin.commit or MISSING,
             row.origin.machine,
@@ -282,6 +286,8 @@ def origin_rows(report: AblationReport) -> list[list[str]]:
         for row in report.rows
         if row.origin
     ]
+    note = ORIGIN.format(profile=report.profile)
+    return Table("How these numbers were made", note, ORIGIN_COLUMNS, rows)
 
 
 def table_i_scale(report: AblationReport) -> list[str]:

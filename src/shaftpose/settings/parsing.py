@@ -1,8 +1,6 @@
-"""Conversion of composed values to the dataclasses of `parts`, and of these to and from JSON."""
+"""Conversion of composed values to the dataclasses of `parts`, and of these to JSON."""
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -28,12 +26,17 @@ def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:
     where: the location of the values, e.g. "params.yaml: loss"; error messages start with it.
     Raises InputError naming the first wrong key, its value and the allowed ones.
     """
-    if not isinstance(values, Mapping):
-        raise InputError(f"{where} = {values!r}: must hold keys and values")
     try:
-        return TypeAdapter(kind).validate_python(dict(values))
+        return TypeAdapter(kind).validate_python(dict(as_mapping(values, where)))
     except ValidationError as error:
         raise InputError(_first_complaint(error, where)) from error
+
+
+def as_mapping(values: object, where: str) -> Mapping[str, Any]:
+    """The values. Raises InputError naming their location if they are not keys and values."""
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where} = {values!r}: must hold keys and values")
+    return values
 
 
 def _first_complaint(error: ValidationError, where: str) -> str:
@@ -48,17 +51,8 @@ def _first_complaint(error: ValidationError, where: str) -> str:
 
 
 def to_json(settings: object) -> str:
-    """A settings object as JSON; `from_json` reads it back."""
+    """A settings object as JSON; `handovers.read_handover` reads it back."""
     return TypeAdapter(type(settings)).dump_json(settings, indent=1).decode()
-
-
-def from_json(kind: type[T], path: Path) -> T:
-    """A settings object from a JSON file. Raises InputError naming the file."""
-    try:
-        values = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as JSON ({error}); write it again") from error
-    return parse(kind, values, str(path))
 
 
 def as_plain(settings: object) -> dict[str, Any]:

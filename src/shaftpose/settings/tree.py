@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from shaftpose.core.scaling import block_counts, check_width
 from shaftpose.errors import InputError
-from shaftpose.settings.parsing import parse
+from shaftpose.settings.parsing import as_mapping, parse
 from shaftpose.settings.parts import (
     BackgroundSettings,
     ClusterSettings,
@@ -72,6 +72,11 @@ _PARTS: dict[str, type] = {
     "report": ReportSettings,
     "tracking": TrackingSettings,
 }
+# All keys of the top level: of params.yaml, and of conf/config.yaml.
+_KEYS = {
+    *_PARTS, *_RENDERING, "render", "real", "profile", "seed", "variants", "profiles", "size",
+    "trainer", "variant", "variant_file", "out", "results", "model_folder",
+}  # fmt: skip
 
 
 def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
@@ -80,6 +85,7 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
     Every stage checks all settings, so that a wrong loss weight fails before the render.
     Raises InputError naming the first wrong key.
     """
+    _check_keys(composed)
     size = read_size(composed)
     real = _keys(composed["real"], {"source", "stand_in"}, "params.yaml: real")
     stand_in = _keys(real["stand_in"], {"scene", "lens"}, "params.yaml: real.stand_in")
@@ -131,12 +137,21 @@ def _rendering(
     where: the prefix of a part's name in messages.
     """
     kinds, changed = get_type_hints(RenderSettings), changed or {}
-    parts: dict[str, object] = {
-        name: parse(kinds[name], {**composed[name], **changed.get(name, {})}, f"{where}{name}")
-        for name in _RENDERING
-    }
-    values = {**parts, **composed["render"], "samples": samples}
-    return parse(RenderSettings, values, "params.yaml: render")
+    parts: dict[str, object] = {}
+    for name in _RENDERING:
+        own = as_mapping(composed[name], f"params.yaml: {name}")
+        changes = as_mapping(changed.get(name, {}), f"{where}{name}")
+        parts[name] = parse(kinds[name], {**own, **changes}, f"{where}{name}")
+    render = as_mapping(composed["render"], "params.yaml: render")
+    return parse(RenderSettings, {**parts, **render, "samples": samples}, "params.yaml: render")
+
+
+def _check_keys(composed: Mapping[str, Any]) -> None:
+    """Raise InputError naming an unknown or a missing key of the top level."""
+    for name in sorted(composed.keys() - _KEYS):
+        raise InputError(f"params.yaml: {name}: unknown; remove it, or indent it into its section")
+    for name in sorted(_KEYS - composed.keys()):
+        raise InputError(f"params.yaml: {name} is missing; add it")
 
 
 def _keys(values: object, expected: set[str], where: str) -> Mapping[str, Any]:

@@ -94,12 +94,7 @@ def real_images(with_instances: bool) -> RealImages:
 
 def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
     """Colour jitter for every variant, and noise if the variant has it."""
-    jitter = ColourJitter(
-        brightness=augmentation.brightness,
-        contrast=augmentation.contrast,
-        saturation=augmentation.saturation,
-        hue_deg=augmentation.hue_deg,
-    )
+    jitter = ColourJitter(**vars(augmentation))
     return [jitter, UniformNoise(noise)] if noise else [jitter]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from lightning import Trainer, seed_everything
 from lightning.pytorch.loggers import Logger
+from lightning.pytorch.utilities import rank_zero_only
 
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
@@ -54,7 +55,7 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
     title = recipe.variant.title
     if is_finished(folder):
         logger.info("training %s: finished; its result is in %s", title, folder)
-        deliver(folder, out)
+        rank_zero_only(deliver)(folder, out)
         return
     curves, skipped = Curves(), SkippedImages(folder / "skipped_images.txt")
     trainer, module = build_trainer(recipe, folder, curves), build_module(recipe)

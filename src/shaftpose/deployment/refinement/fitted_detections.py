@@ -14,10 +14,3 @@ class FittedDetections(Detections):
     could not be fitted and is the network's."""
 
     deviations: NDArray[np.float64]
-
-    def above(self, score: float) -> "FittedDetections":
-        """Only the detections whose score is at least `score`."""
-        chosen = self.scores >= score
-        return FittedDetections(
-            self.boxes[chosen], self.scores[chosen], self.poses[chosen], self.deviations[chosen]
-        )
