@@ -11,7 +11,7 @@ from shaftpose.deployment.refinement.edges import Offsets
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
 _LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
 # Measured (docs/beyond.md): where a reader is unsure of an edge, it states less than its offset.
-_CAUTION = 1.5
+_CAUTION = 1.25
 
 
 class LearnedEdges:
