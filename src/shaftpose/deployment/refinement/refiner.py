@@ -17,8 +17,8 @@ from shaftpose.deployment.refinement.fitted_detections import FittedDetections
 from shaftpose.deployment.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
-# In pixels of each image. The last ones bring a few percent (docs/beyond.md).
-_EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3), Stage(3), Stage(3))
+# In pixels of each image. More are slower, and better only on clean images (docs/beyond.md).
+_EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
 _READER_ERRORS = EdgeErrors(understated=12.0)
