@@ -374,9 +374,18 @@ def test_annotations_that_are_json_and_yet_wrong_are_named(
     found = read_member(path, f"000000000.{name}").find(old)
     assert found >= 0
     overwrite(path, member(path, f"000000000.{name}").offset_data + found, new)
-    with pytest.raises(InputError, match="annotations of 000000000 are damaged") as caught:
+    with pytest.raises(InputError, match="annotation of 000000000 is damaged") as caught:
         ShardedDataset(tmp_path).annotations("000000000")
     assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_camera_without_a_matrix_is_named(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    found = read_member(path, "000000000.camera.json").find(b"cam_K")
+    overwrite(path, member(path, "000000000.camera.json").offset_data + found, b"cam_Q")
+    with pytest.raises(InputError, match="the camera of 000000000 is damaged"):
+        ShardedDataset(tmp_path).camera("000000000")
 
 
 def test_a_missing_key_is_named(tmp_path: Path) -> None:

@@ -279,9 +279,7 @@ class ShardedDataset:
             poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
             boxes = [_corners(info["bbox_visib"]) for info in infos]
         except (KeyError, TypeError, ValueError) as error:
-            path = self._location(key, "gt_info.json").path
-            message = f"{path}: the annotations of {key} are damaged; {render_anew([path])}"
-            raise InputError(message) from error
+            raise self._damaged(key, "gt_info.json", "annotation") from error
         return Annotations(
             np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
         )
@@ -290,8 +288,11 @@ class ShardedDataset:
         """The camera of one image."""
         about = self._json(key, "camera.json")
         height, width = self.rgb(key).shape[:2]
-        focal_px, _, cx, _, _, cy, *_ = about["cam_K"]
-        k1, k2 = about.get("distortion", (0.0, 0.0))
+        try:
+            focal_px, _, cx, _, _, cy, *_ = about["cam_K"]
+            k1, k2 = about.get("distortion", (0.0, 0.0))
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(key, "camera.json", "camera") from error
         return Camera(width, height, focal_px, cx, cy, k1, k2, about.get("field_px"))
 
     def masks(self, key: str) -> list[NDArray[np.bool_]]:
@@ -315,6 +316,10 @@ class ShardedDataset:
         except ValueError as error:
             message = f"{path}: {key}.{suffix} is damaged; {render_anew([path])}"
             raise InputError(message) from error
+
+    def _damaged(self, key: str, suffix: str, what: str) -> InputError:
+        path = self._location(key, suffix).path
+        return InputError(f"{path}: the {what} of {key} is damaged; {render_anew([path])}")
 
     def _read(self, key: str, suffix: str) -> tuple[Path, bytes]:
         """The shard and the bytes of a member. Raises InputError if the shard is gone."""
