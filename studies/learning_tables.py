@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 RECORDS = ROOT / "reports/learning"
 PAGES = {
     "docs/learning.md": ("first_round", "second_round", "dense"),
-    "docs/beyond.md": ("held", "edges", "offsets", "fit"),
+    "docs/beyond.md": ("held", "edges", "offsets", "only_mask", "fit"),
 }
 
 

@@ -170,7 +170,6 @@ def test_a_corrupt_background_is_passed_over(stage: Run, folder: Path) -> None:
     result = stage("backgrounds.py", f"backgrounds.source={photos}")
     assert result.returncode == 0, result.stderr
     assert f"skipped {photos / 'b.jpg'}" in result.stdout
-    assert "1 unreadable images were skipped" in result.stdout
     index = (folder / "written" / "index.csv").read_text()
     assert "a.jpg" in index
     assert "b.jpg" not in index

@@ -42,5 +42,8 @@ class Detections:
 
     def above(self, score: float) -> Self:
         """Only the detections whose score is at least `score`."""
-        chosen = self.scores >= score
+        return self.rows(self.scores >= score)
+
+    def rows(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
+        """The detections with these numbers, or where `chosen` (K,) is true."""
         return replace(self, **{name: values[chosen] for name, values in vars(self).items()})

@@ -14,6 +14,7 @@ from shaftpose.core.outline_strips import scaled
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
 from shaftpose.deployment.refinement.fit import EdgeErrors, Fit, Stage, fit_pose
 from shaftpose.deployment.refinement.fitted_detections import FittedDetections
+from shaftpose.deployment.refinement.mask_starts import unexplained_starts
 from shaftpose.deployment.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
@@ -25,6 +26,10 @@ _READER_ERRORS = EdgeErrors(understated=12.0)
 # Standard deviations of the parameters of a network's poses: see
 # `shaftpose.deployment.refinement.fit`.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
+
+# Of a detection that explains the mask where it lies: its score at least; and the score of a tip
+# that only the mask shows (docs/beyond.md).
+_EXPLAINS, _MASK_ALONE = 0.3, 0.2
 
 # Finds edges in an image (H, W, 3) in [-1, 1], near a contour, within so many px: `LearnedEdges`.
 FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
@@ -45,7 +50,8 @@ class Refiner:
         fine: NDArray[np.uint8] | None = None,
     ) -> FittedDetections:
         """Detections with fitted poses and the extents of their contours in the image as boxes,
-        scored by the mask's support as well; of those that show the same shaft, only the best.
+        scored by the mask's support as well; of those that show the same shaft, only the best. What
+        the mask shows and no detection explains is fitted, too (`mask_starts`).
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view; fine:
         (k H, k W, 3), the same view in more pixels, whose edges are more exact. A detection keeps
@@ -54,10 +60,27 @@ class Refiner:
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
+        fitted = self._fitted(found, wide, pictures)
+        if self.shaft.flat_tip:
+            sure = fitted.above(_EXPLAINS).poses
+            starts = unexplained_starts(wide, list(sure), self.shaft, self.camera)
+            scores = np.full(len(starts), _MASK_ALONE)
+            seen = self._fitted(Detections(starts[:, :4], scores, starts), wide, pictures)
+            fitted = _joined(fitted, seen)
+        order = np.argsort(-fitted.scores, kind="stable")
+        return fitted.rows(order[distinct(fitted.poses[order], self.shaft, self.camera)])
+
+    def _fitted(
+        self,
+        found: Detections,
+        mask: NDArray[np.float32],
+        pictures: Sequence[NDArray[np.float32]],
+    ) -> FittedDetections:
+        """All detections, with fitted poses where there are enough edges."""
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
-            if (fit := self._fit(start, wide, pictures)) is None:
+            if (fit := self._fit(start, mask, pictures)) is None:
                 continue
             poses[row] = fit.pose
             deviations[row] = np.sqrt(np.diag(fit.covariance()))
@@ -66,13 +89,11 @@ class Refiner:
                 boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
         scores = np.array(
             [
-                supported(score, pose, wide, self.shaft, self.camera)
+                supported(score, pose, mask, self.shaft, self.camera)
                 for score, pose in zip(found.scores, poses, strict=True)
             ]
         )
-        order = np.argsort(-scores, kind="stable")
-        chosen = order[distinct(poses[order], self.shaft, self.camera)]
-        return FittedDetections(boxes[chosen], scores[chosen], poses[chosen], deviations[chosen])
+        return FittedDetections(boxes, scores, poses, deviations)
 
     def _fit(
         self, start: Array, mask: NDArray[np.float32], pictures: Sequence[NDArray[np.float32]]
@@ -97,3 +118,10 @@ class Refiner:
             start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES,
             _READER_ERRORS, held, known.pose,
         )  # fmt: skip
+
+
+def _joined(detections: FittedDetections, more: FittedDetections) -> FittedDetections:
+    """The detections, and those of `more` whose poses were fitted."""
+    new = more.rows(np.isfinite(more.deviations).all(axis=1))
+    parts = zip(vars(detections).values(), vars(new).values(), strict=True)
+    return FittedDetections(*(np.concatenate(both) for both in parts))
