@@ -19,7 +19,7 @@ def test_columns_become_px_and_stated_errors_become_weights() -> None:
     contour = shaft_contour(POSES[0], SHAFT, CAMERA)
     grey = scaled(np.full((299, 299, 3), 90, np.uint8))
     offsets = edges(grey, contour, reach_px=6.0)  # 12 columns of 0.5 px
-    np.testing.assert_allclose(offsets.px, 1.25, rtol=1e-6)  # 1 px is stated: the reader is cautious
+    np.testing.assert_allclose(offsets.px, 1.25, rtol=1e-6)  # 1 px is stated: it is cautious
     inside = offsets.weights > 0
     assert 0.8 < inside.mean() < 1  # rows at the border of the image do not count
     # The variance of a Laplace distribution is twice the square of its mean error.
