@@ -26,7 +26,7 @@ def test_columns_become_px_and_stated_errors_become_weights() -> None:
     variance = 2 * 0.5**2 * (0.5**2 + 0.05**2)
     np.testing.assert_allclose(offsets.weights[inside], 1 / variance, rtol=1e-5)
     finer = edges(grey, contour, reach_px=3.0)
-    np.testing.assert_allclose(finer.px, 0.75, rtol=1e-6)
+    np.testing.assert_allclose(finer.px, 0.625, rtol=1e-6)
     assert finer.weights.max() == pytest.approx(4 * offsets.weights.max())
 
 
