@@ -34,6 +34,15 @@ def write_csv(path: Path, headings: Sequence[str], rows: Iterable[Sequence[objec
 
 
 @contextmanager
+def naming_refusal(path: Path, remedy: str) -> Iterator[None]:
+    """Turn the system's refusal to write to a path into an InputError naming it and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
+
+
+@contextmanager
 def naming_full_disk(folder: Path) -> Iterator[None]:
     """Turn the error of a full disk or an exhausted quota into an InputError naming `folder`."""
     try:

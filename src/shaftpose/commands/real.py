@@ -17,13 +17,12 @@ from pathlib import Path
 
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.files import naming_refusal, new_file
 from shaftpose.json_files import read_json
 
 _ANNOTATIONS = Path(__file__).with_name("real_images")
 _PARTS = ("train.json", "test.json")
 _BACKGROUND_PX = 512
-_NEVER_ASK = os.environ | {"GIT_TERMINAL_PROMPT": "0"}  # for a password: none is needed
 
 
 @dataclass(frozen=True)
@@ -65,12 +64,8 @@ class Crop:
 
 def run(options: argparse.Namespace) -> None:
     """Write `images/`, `train.json`, `test.json`, `backgrounds/` and `SOURCES.txt` to a folder."""
-    try:
+    with naming_refusal(options.folder, "name another folder"):
         fetch(options.folder, SOURCES)
-    except OSError as error:
-        raise InputError(
-            f"{options.folder}: cannot be written ({error.strerror}); name another folder"
-        ) from error
     print(
         f"{options.folder} holds the images. To use them, set in params.yaml:\n"
         f"  real.source: {options.folder}\n  backgrounds.source: {options.folder / 'backgrounds'}"
@@ -121,8 +116,9 @@ def _check_out(source: Source, paths: Sequence[str], clone: Path) -> None:
 
 def _git(*arguments: str) -> None:
     try:
+        never_asking = os.environ | {"GIT_TERMINAL_PROMPT": "0"}  # no password is needed
         subprocess.run(
-            ["git", *arguments], check=True, capture_output=True, text=True, env=_NEVER_ASK
+            ["git", *arguments], check=True, capture_output=True, text=True, env=never_asking
         )
     except FileNotFoundError as error:
         raise InputError("git was not found; install it to fetch real images") from error

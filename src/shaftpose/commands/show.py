@@ -11,6 +11,7 @@ from shaftpose.core.drawing import contact_sheet, draw_real, draw_sample, evenly
 from shaftpose.core.images import Image, read_rgb, write_jpeg
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.errors import InputError
+from shaftpose.files import naming_refusal
 
 if TYPE_CHECKING:
     from shaftpose.dataset.coco import RealImage
@@ -26,12 +27,8 @@ def run(options: argparse.Namespace) -> None:
     else:
         shards = ShardedDataset(options.folder)
         chosen = [draw_sample(shards, key) for key in evenly_spaced(shards.keys, options.count)]
-    try:
+    with naming_refusal(options.out, "name another file by --out"):
         write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
-    except OSError as error:
-        raise InputError(
-            f"{options.out}: cannot be written ({error.strerror}); name another file by --out"
-        ) from error
     print(f"{len(chosen)} images are drawn in {options.out}")
 
 

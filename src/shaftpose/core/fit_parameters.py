@@ -29,5 +29,5 @@ def moved(pose: Array, step: Array, camera: Camera) -> Array:
     if not 0 <= pitch <= 180:  # the axis has passed the line of sight
         pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
     depth = np.exp(log_depth)
-    x, y = (np.array([u, v]) - [camera.cx, camera.cy]) / camera.focal_px * depth
+    x, y = camera.lift(np.array([u, v]), depth)
     return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

@@ -73,6 +73,15 @@ class Camera:
             offsets = offsets * _ratio(self._distorted(followed), radius)
         return offsets + np.array([self.cx, self.cy])
 
+    def border_px(self, pixels: Array) -> Array:
+        """Distances (...) of pixels (..., 2) from the nearest border of the image, negative beyond
+        it."""
+        return np.asarray(np.minimum(pixels, [self.width, self.height] - pixels).min(axis=-1))
+
+    def lift(self, pixels: Array, depth_mm: float) -> Array:
+        """x and y (..., 2) mm at a depth of pixels (..., 2), for a pinhole camera."""
+        return np.asarray((pixels - [self.cx, self.cy]) / self.focal_px * depth_mm)
+
     def span(self, starts: Array, directions: Array) -> tuple[Array, Array]:
         """From and to which s the lines start + s direction, (N, 2) px each, lie in the image,
         (N, 1) each; the first is larger for lines that miss it."""

@@ -102,7 +102,7 @@ class ModelResults:
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
         visible, cameras = np.array(fractions), self._cameras()
         tips = zip(cameras, self.errors.true_poses[:, :3], strict=True)
-        border = np.array([_border_px(camera, tip) for camera, tip in tips])
+        border = np.array([camera.border_px(camera.project(tip)) for camera, tip in tips])
         return Accuracy(
             metrics=self.metrics,
             binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
@@ -134,12 +134,6 @@ def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -
     far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
     others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
     return far + others[:count]
-
-
-def _border_px(camera: Camera, tip_mm: NDArray[np.float64]) -> float:
-    """Distance of a tip from the nearest border of its image."""
-    at, size = camera.project(tip_mm), np.array([camera.width, camera.height])
-    return float(np.minimum(at, size - at).min())
 
 
 def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:

@@ -110,7 +110,7 @@ def true_offsets(
 
 def covered(pixels: Array, pose: Array, shaft: Shaft, camera: Camera) -> NDArray[np.bool_]:
     """Whether the rays through pixels (..., 2) of a pinhole camera meet a shaft with pose (5,)."""
-    offsets = (pixels - [camera.cx, camera.cy]) / camera.focal_px
+    offsets = camera.lift(pixels, 1.0)
     rays = np.concatenate([offsets, np.ones_like(offsets[..., :1])], axis=-1)
     tip, axis, radius = pose[:3], axis_direction(pose[3], pose[4]), shaft.diameter_mm / 2
     along, start = rays @ axis, float(tip @ axis)

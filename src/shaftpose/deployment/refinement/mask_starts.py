@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.angles import unsigned_deg
 from shaftpose.core.contour import Array, Shaft, shaft_contour
 from shaftpose.core.geometry import Camera
 
@@ -59,12 +60,12 @@ def _starts(region: NDArray[np.bool_], shaft: Shaft, camera: Camera) -> list[Arr
     middle = points.mean(axis=0)
     way = np.linalg.svd(points - middle, full_matrices=False)[2][0]
     ends = [_end(points, middle, sign * way) for sign in (1, -1)]
-    (tail, tail_width), (tip, width) = sorted(ends, key=lambda end: _border_px(end[0], camera))
+    (tail, tail_width), (tip, width) = sorted(ends, key=lambda end: float(camera.border_px(end[0])))
     if np.linalg.norm(tail - tip) < _LEAST_LENGTH * max(tail_width, width):
         return []
     z_mm = float(np.clip(camera.focal_px * shaft.diameter_mm / width, *_DEPTHS_MM))
-    x_mm, y_mm = (tip - [camera.cx, camera.cy]) / camera.focal_px * z_mm
-    yaw_deg = np.degrees(np.arctan2(*(tail - tip)[::-1])) % 360
+    x_mm, y_mm = camera.lift(tip, z_mm)
+    yaw_deg = unsigned_deg(float(np.degrees(np.arctan2(*(tail - tip)[::-1]))))
     return [np.array([x_mm, y_mm, z_mm, pitch, yaw_deg]) for pitch in _PITCHES_DEG]
 
 
@@ -75,7 +76,3 @@ def _end(points: Array, middle: Array, way: Array) -> tuple[Array, float]:
     last = aside[along > along.max() - max(_END_PX, _END_SHARE * np.ptp(along))]
     low, high = np.quantile(last, [0.03, 0.97])  # without stray pixels
     return middle + along.max() * way + np.median(last) * across, float(high - low + 1)
-
-
-def _border_px(point: Array, camera: Camera) -> float:
-    return float(min(*point, camera.width - point[0], camera.height - point[1]))
