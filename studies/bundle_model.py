@@ -29,9 +29,10 @@ from shaftpose.evaluation.metrics import Metrics
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.evaluation.silhouette_iou import SilhouetteScore
 from shaftpose.handovers import FITTED, read_handover
-from shaftpose.report.report_tables import TABLE_I_METRICS, cells, show
+from shaftpose.report.report_tables import cells, show
 from shaftpose.report.writing import with_fits
 from shaftpose.training.data_identity import rendered_digest
+from studies.bundled_errors import COLUMNS
 from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
@@ -168,7 +169,6 @@ def card(
 
     procedural: whether the backgrounds are; scores: of silhouettes by set of images.
     """
-    columns = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
     files = {"exported": comparison.exported, "bundled": comparison.stored}
     return rendered(
         "model_card.md.j2",
@@ -196,8 +196,8 @@ def card(
             ],
         ),
         errors=pipe_table(
-            ["File", *(column.heading for column in columns)],
-            [[name, *cells(metrics.as_dict(), columns)] for name, metrics in files.items()],
+            ["File", *(column.heading for column in COLUMNS)],
+            [[name, *cells(metrics.as_dict(), COLUMNS)] for name, metrics in files.items()],
         ),
     )
 

@@ -12,7 +12,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
+from shaftpose.deployment.bundled import DEFAULT
 from shaftpose.errors import exit_on_input_error
+from shaftpose.evaluation.metrics import Metrics
 from shaftpose.handovers import read_handover
 from shaftpose.json_files import read_json
 from shaftpose.report.ablation import AblationReport
@@ -31,7 +33,7 @@ def main() -> None:
     """Write the page and its pictures, and README's table."""
     with exit_on_input_error():
         PAGE.write_text(page(ROOT))
-        README.write_text(with_table(README.read_text(), report_of(ROOT)))
+        README.write_text(readme(ROOT))
         draw(repeated_figures(records(ROOT)), PAGE.parent)
     print(f"written to {PAGE.relative_to(ROOT)} and {README.name}")
 
@@ -53,6 +55,13 @@ def page(root: Path) -> str:
     has_real = (root / "reports/real/ablation.json").is_file()
     real = report_of(root, "reports/real") if has_real else None
     return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks, real)
+
+
+def readme(root: Path) -> str:
+    """README with the table of the results below `root`."""
+    path = root / "reports/bundled" / f"{DEFAULT}.json"
+    default = read_handover(path, Metrics, "run `python -m studies.bundled_errors`")
+    return with_table((root / README.name).read_text(), report_of(root), default)
 
 
 def records(root: Path) -> list[TrainingRecord]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from studies import write_results_page as results_page
-from studies.readme_table import with_table
 
 ROOT = Path(__file__).parents[2]
 
 SOURCES = (
-    "reports/ablation.json", "reports/trainings", "reports/sweeps", "benchmarks/results",
+    "reports/ablation.json", "reports/trainings", "reports/sweeps", "reports/bundled",
+    "benchmarks/results",
     "params.yaml", "conf/variant",
 )  # fmt: skip
 
@@ -36,7 +36,7 @@ def test_the_committed_readme_has_the_numbers_of_the_recorded_run() -> None:
     if changed := changed_results():
         pytest.skip(f"its table is of other results than those here: {changed}")
     text = results_page.README.read_text()
-    assert with_table(text, results_page.report_of(ROOT)) == text, "run `make results`"
+    assert results_page.readme(ROOT) == text, "run `make results`"
 
 
 def test_all_pictures_of_the_page_are_there() -> None:

@@ -1,0 +1,59 @@
+"""Measure a bundled model on new renders, for its card and README's table.
+
+`python -m studies.bundled_errors --name shaftpose` takes all images in data/render/images, to be
+rendered with the settings of the model's training and another seed. It writes
+`reports/bundled/NAME.json` and the errors of the model's card. `make results` shows those of the
+default model in README.
+"""
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+
+from shaftpose.core.markdown import pipe_table
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.deployment.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model
+from shaftpose.deployment.prediction import predict_shards
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import exit_on_input_error
+from shaftpose.evaluation.metrics import Metrics, evaluate
+from shaftpose.json_files import write_json
+from shaftpose.report.report_tables import TABLE_I_METRICS, cells
+from studies.page_tables import rewrite, with_tables
+
+RECORDS = Path("reports/bundled")
+COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by model_card.md.j2
+COLUMNS = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
+
+
+def main() -> None:
+    """Measure the model of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--name", default=DEFAULT, help=f"of the bundled model ({DEFAULT})")
+    name = parser.parse_args().name
+    card = FOLDER / f"{name}{CARD_SUFFIX}"
+    with exit_on_input_error():
+        metrics = measured(Predictor(bundled_model(name)), Path("data/render/images"))
+        write_json(RECORDS / f"{name}.json", asdict(metrics))
+        tables = {"errors": table(metrics)}
+        rewrite(card, lambda page: with_tables(page, tables, COMMAND, card.name))
+
+
+def measured(predictor: Predictor, images: Path) -> Metrics:
+    """Metrics on all images of a folder of shards, at the model's confidence threshold."""
+    shards = ShardedDataset(images)
+    return evaluate(*predict_shards(predictor, shards, shards.keys), predictor.confidence)
+
+
+def table(metrics: Metrics) -> str:
+    """What was measured, and the errors, as Markdown."""
+    errors = pipe_table([column.heading for column in COLUMNS], [cells(metrics.as_dict(), COLUMNS)])
+    return (
+        f"On {metrics.images:,} other renders with the same settings, with {metrics.instruments:,} "
+        f"shafts. Errors are means over\nthe shafts that were found, with a score of at least "
+        f"{metrics.confidence:.3f}.\n\n{errors}"
+    )
+
+
+if __name__ == "__main__":
+    main()
