@@ -1,7 +1,8 @@
-"""The network of the default model by onnxruntime and OpenVINO, in 32 and in 8 bits:
-`make bench-inference`, on an idle machine.
+"""The default model and the paper's whole network D in PyTorch, onnxruntime and OpenVINO, in 32, 16
+and 8 bits: `make bench-inference`, on an idle machine.
 
-Writes `benchmarks/results/backends.json`. OpenVINO is measured where it is installed.
+Writes `benchmarks/results/backends.json`. Weights of the paper's network are random, which does not
+affect speed. OpenVINO is measured where it is installed: `pip install openvino`.
 """
 
 import statistics
@@ -15,6 +16,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 import onnxruntime
+import torch
 from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
@@ -23,11 +25,16 @@ from benchmarks.inference import FILM, PAUSE_S, ROOT
 from benchmarks.machine import machine
 from shaftpose.core.images import Image
 from shaftpose.deployment.bundled import DEFAULT, bundled_model
+from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.json_files import write_json
+from shaftpose.network.building import NetworkSettings, build_network
+from shaftpose.network.detector import ShaftDetector
+from shaftpose.settings.compose import composed_settings
 
 OUT = ROOT / "benchmarks/results/backends.json"
 ROUNDS, PER_ROUND = 20, 5
+PROFILE = "paper"
 SIDE_PX = 299
 Run = Callable[[Image], object]
 
@@ -48,22 +55,47 @@ def main() -> None:
     """Measure and write."""
     frames = [cv2.resize(frame.rgb, (SIDE_PX, SIDE_PX)) for frame in VideoFile(FILM).frames()]
     images = np.stack(frames).astype(np.uint8)
+    rows, detector = [], papers_network()
     with TemporaryDirectory() as folder:
-        floats, integers = bundled_model(DEFAULT), Path(folder) / "int8.onnx"
-        quantise(floats, integers, images[::5])
-        ways: dict[str, Run] = {}
-        for bits, path in ((32, floats), (8, integers)):
-            ways[f"onnxruntime, {bits} bits"] = in_onnxruntime(path)
-            if find_spec("openvino"):
-                ways[f"openvino, {bits} bits"] = in_openvino(path)
-        speeds = measure(ways, images)
-    rows = [{"network": name, "fps_median": round(speed, 1)} for name, speed in speeds.items()]
-    names = ("onnxruntime", *(["openvino"] if find_spec("openvino") else []))
-    packages = {name: version(name) for name in names}
+        path = Path(folder) / "paper.onnx"
+        export_onnx(detector, path, SIDE_PX)
+        networks = {
+            "default": ways(bundled_model(DEFAULT), images),
+            "D, width 1, depth 1": {"PyTorch, 32 bits": in_pytorch(detector)} | ways(path, images),
+        }
+        for network, those in networks.items():
+            for name, speed in measure(those, images).items():
+                rows.append({"network": network, "run by": name, "fps_median": round(speed, 1)})
+                print(rows[-1])
+    packages = {
+        name: version(name) for name in ("torch", "onnxruntime", "openvino") if find_spec(name)
+    }
     write_json(OUT, {"machine": machine(), **packages, "backends": rows})
-    for row in rows:
-        print(row)
-    print(f"written to {OUT.relative_to(ROOT)}")
+    print(f"written to {OUT}")
+
+
+def papers_network() -> ShaftDetector:
+    """The paper's network with random weights."""
+    settings = composed_settings(ROOT, "variant=d", f"profile={PROFILE}")
+    parts = NetworkSettings(
+        settings.variant, settings.size, settings.rendering.camera, settings.rendering.poses,
+        settings.loss,
+    )  # fmt: skip
+    return ShaftDetector(build_network(parts), settings.detection).eval()
+
+
+def ways(floats: Path, images: Image) -> dict[str, Run]:
+    """The ways to run an ONNX file, with ranges of its 8-bit form from images (N, S, S, 3)."""
+    with TemporaryDirectory() as folder:
+        integers = Path(folder) / "int8.onnx"
+        quantise(floats, integers, images[::5])
+        found = {"onnxruntime, 32 bits": in_onnxruntime(floats)}
+        found["onnxruntime, 8 bits"] = in_onnxruntime(integers)
+        if find_spec("openvino"):
+            found["OpenVINO, 32 bits"] = in_openvino(floats, "f32")
+            found["OpenVINO, 16 bits"] = in_openvino(floats, "bf16")
+            found["OpenVINO, 8 bits"] = in_openvino(integers, "f32")
+    return found
 
 
 def quantise(model: Path, out: Path, images: Image) -> None:
@@ -82,20 +114,30 @@ def in_onnxruntime(path: Path) -> Run:
     return lambda image: session.run(None, {"image": image[None]})
 
 
-def in_openvino(path: Path) -> Run:
-    """In 32 bits where the model is in 32 bits: OpenVINO's default may be 16."""
+def in_openvino(path: Path, precision: str) -> Run:
+    """precision: of what the file has in 32 bits, f32 or bf16."""
     import openvino
 
-    settings = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+    settings = {"INFERENCE_PRECISION_HINT": precision, "PERFORMANCE_HINT": "LATENCY"}
     model = openvino.Core().compile_model(str(path), "CPU", settings)
     return lambda image: model(image[None])
 
 
-def measure(ways: Mapping[str, Run], images: NDArray[np.uint8]) -> dict[str, float]:
+def in_pytorch(detector: ShaftDetector) -> Run:
+    """As it is trained, operation by operation."""
+
+    def run(image: Image) -> object:
+        with torch.inference_mode():
+            return detector(torch.from_numpy(image[None]))
+
+    return run
+
+
+def measure(runs: Mapping[str, Run], images: NDArray[np.uint8]) -> dict[str, float]:
     """Median images/s of each, one image at a time; each round runs all of them."""
-    seconds: dict[str, list[float]] = {name: [] for name in ways}
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
     for number in range(ROUNDS + 1):
-        for name, run in ways.items():
+        for name, run in runs.items():
             time.sleep(PAUSE_S)
             for image in images[:PER_ROUND]:
                 start = time.perf_counter()
