@@ -1,0 +1,46 @@
+"""What is measured of a bundled model on new renders, with a model whose answer is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
+from shaftpose.deployment.predictor import Predictor
+from studies.bundled_errors import measured, table
+from tests.conftest import BOXES, SIDE
+
+# `constant_model` predicts x = 1 mm, in the same box.
+SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
+
+
+@pytest.fixture
+def renders(tmp_path: Path) -> Path:
+    """Two images that show a shaft in the first of `BOXES`."""
+    x0, y0, x1, y1 = (int(edge) for edge in BOXES[0])
+    mask = np.zeros((SIDE, SIDE), dtype=bool)
+    mask[y0:y1, x0:x1] = True
+    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+    with ShardWriter(tmp_path / shard_name(0), 95) as shard:
+        for n in range(2):
+            rgb = np.full((SIDE, SIDE, 3), 40 * n, dtype=np.uint8)
+            shaft = Instrument(SHAFT, mask, mask)
+            shard.write(Sample(sample_key(n), rgb, (shaft,), camera, {"source": "tissue-000000"}))
+    return tmp_path
+
+
+def test_all_images_are_measured(constant_model: Path, renders: Path) -> None:
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    metrics = measured(Predictor(constant_model), renders)
+    assert (metrics.images, metrics.instruments, metrics.confidence) == (2, 2, 0.5)
+    assert (metrics.detected_rate, metrics.x_mm, metrics.tip_mm) == pytest.approx((1.0, 0.5, 0.5))
+    lines = table(replace(metrics, images=1000, mAP=0.9)).splitlines()
+    assert lines[:2] == [
+        "On 1,000 other renders with the same settings, with 2 shafts. Errors are means over",
+        "the shafts that were found, with a score of at least 0.500.",
+    ]
+    assert lines[-1] == "| 0.900 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |"
