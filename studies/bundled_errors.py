@@ -49,7 +49,7 @@ def table(metrics: Metrics) -> str:
     """What was measured, and the errors, as Markdown."""
     errors = pipe_table([column.heading for column in COLUMNS], [cells(metrics.as_dict(), COLUMNS)])
     return (
-        f"On {metrics.images:,} other renders with the same settings, with {metrics.instruments:,} "
+        f"On {metrics.images:,} other renders, with {metrics.instruments:,} "
         f"shafts. Errors are means over\nthe shafts that were found, with a score of at least "
         f"{metrics.confidence:.3f}.\n\n{errors}"
     )

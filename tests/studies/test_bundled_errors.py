@@ -40,7 +40,7 @@ def test_all_images_are_measured(constant_model: Path, renders: Path) -> None:
     assert (metrics.detected_rate, metrics.x_mm, metrics.tip_mm) == pytest.approx((1.0, 0.5, 0.5))
     lines = table(replace(metrics, images=1000, mAP=0.9)).splitlines()
     assert lines[:2] == [
-        "On 1,000 other renders with the same settings, with 2 shafts. Errors are means over",
+        "On 1,000 other renders, with 2 shafts. Errors are means over",
         "the shafts that were found, with a score of at least 0.500.",
     ]
     assert lines[-1] == "| 0.900 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |"
