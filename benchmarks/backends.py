@@ -28,9 +28,10 @@ from shaftpose.deployment.bundled import DEFAULT, bundled_model
 from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.json_files import write_json
-from shaftpose.network.building import NetworkSettings, build_network
+from shaftpose.network.building import build_network
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.settings.compose import composed_settings
+from shaftpose.training.recipe import training_recipe
 
 OUT = ROOT / "benchmarks/results/backends.json"
 ROUNDS, PER_ROUND = 20, 5
@@ -55,13 +56,15 @@ def main() -> None:
     """Measure and write."""
     frames = [cv2.resize(frame.rgb, (SIDE_PX, SIDE_PX)) for frame in VideoFile(FILM).frames()]
     images = np.stack(frames).astype(np.uint8)
-    rows, detector = [], papers_network()
+    recipe = training_recipe(composed_settings(ROOT, "variant=d", f"profile={PROFILE}"))
+    rows, detector = [], ShaftDetector(build_network(recipe.network()), recipe.detection).eval()
+    title = f"D, width {recipe.size.width:g}, depth {recipe.size.depth:g}"
     with TemporaryDirectory() as folder:
         path = Path(folder) / "paper.onnx"
         export_onnx(detector, path, SIDE_PX)
         networks = {
             "default": ways(bundled_model(DEFAULT), images),
-            "D, width 1, depth 1": {"PyTorch, 32 bits": in_pytorch(detector)} | ways(path, images),
+            title: {"PyTorch, 32 bits": in_pytorch(detector)} | ways(path, images),
         }
         for network, those in networks.items():
             for name, speed in measure(those, images).items():
@@ -72,16 +75,6 @@ def main() -> None:
     }
     write_json(OUT, {"machine": machine(), **packages, "backends": rows})
     print(f"written to {OUT}")
-
-
-def papers_network() -> ShaftDetector:
-    """The paper's network with random weights."""
-    settings = composed_settings(ROOT, "variant=d", f"profile={PROFILE}")
-    parts = NetworkSettings(
-        settings.variant, settings.size, settings.rendering.camera, settings.rendering.poses,
-        settings.loss,
-    )  # fmt: skip
-    return ShaftDetector(build_network(parts), settings.detection).eval()
 
 
 def ways(floats: Path, images: Image) -> dict[str, Run]:

@@ -34,9 +34,9 @@ def main() -> None:
     card = FOLDER / f"{name}{CARD_SUFFIX}"
     with exit_on_input_error():
         metrics = measured(Predictor(bundled_model(name)), Path("data/render/images"))
-        write_json(RECORDS / f"{name}.json", asdict(metrics))
         tables = {"errors": table(metrics)}
         rewrite(card, lambda page: with_tables(page, tables, COMMAND, card.name))
+        write_json(RECORDS / f"{name}.json", asdict(metrics))
 
 
 def measured(predictor: Predictor, images: Path) -> Metrics:

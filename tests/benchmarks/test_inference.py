@@ -59,7 +59,7 @@ def test_each_backend_has_its_speed(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     rows = json.loads((tmp_path / "backends.json").read_text())["backends"]
     measured = {(row["network"], row["run by"]) for row in rows}
     assert ("default", "onnxruntime, 8 bits") in measured
-    assert ("D, width 1, depth 1", "PyTorch, 32 bits") in measured
+    assert ("D, width 0.1875, depth 0.25", "PyTorch, 32 bits") in measured
     assert all(row["fps_median"] > 0 for row in rows)
 
 
