@@ -20,8 +20,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 HEAVY = [
     "bpy", "dask", "distributed", "dvc", "filelock", "hydra", "jinja2", "lightning", "matplotlib",
-    "mlflow", "omegaconf", "onnx", "onnxscript", "psutil", "pydantic", "rerun", "torch", "trimesh",
-    "yaml",
+    "mlflow", "omegaconf", "onnx", "onnxscript", "openvino", "psutil", "pydantic", "rerun", "torch",
+    "trimesh", "yaml",
 ]  # fmt: skip
 # Import name -> distribution, where the names differ or the distribution pins the imported one.
 PACKAGES = {
@@ -32,7 +32,7 @@ PACKAGES = {
 PARTS = {
     "render": ["backgrounds", "rendering"],
     "train": ["dataset", "network", "training"],
-    "pipeline,rerun": [""],
+    "pipeline,openvino,rerun": [""],
 }
 
 # Runs the command line without some packages, then prints the names of the modules it loaded from
@@ -144,6 +144,14 @@ def test_recordings_need_the_extra_rerun(tmp_path: Path) -> None:
     result = run_without(HEAVY, *arguments)
     assert result.returncode == 1
     assert "error: --rerun: needs Rerun: pip install 'shaftpose[rerun]'\n" in result.stderr
+
+
+def test_the_backend_openvino_needs_its_extra(tmp_path: Path) -> None:
+    arguments = ("predict", str(FRAMES), "--backend", "openvino", "--out", str(tmp_path / "found"))
+    result = run_without(HEAVY, *arguments)
+    assert result.returncode == 1
+    message = "error: --backend openvino: needs OpenVINO: pip install 'shaftpose[openvino]'\n"
+    assert message in result.stderr
 
 
 def test_wheels_say_that_the_package_is_typed() -> None:

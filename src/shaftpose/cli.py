@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
+from shaftpose.core.backend import Backend
 from shaftpose.core.refinement import Refinement
 from shaftpose.errors import InputError
 
@@ -72,6 +73,10 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "--refine", choices=get_args(Refinement), default="edges",
         help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
         "and then the edges in the image, the slowest and most exact (edges)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--backend", choices=get_args(Backend), default="onnxruntime",
+        help="the program that runs the model (onnxruntime)",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")

@@ -61,6 +61,7 @@ def test_a_model_that_is_not_there_is_named() -> None:
         ({"diameter_mm": float("inf")}, "diameter_mm inf"),
         ({"score": 1.5}, "score 1.5: give a number from 0 to 1"),
         ({"refine": "edge"}, "refine 'edge': give one of none, mask, edges"),
+        ({"backend": "tensorrt"}, "backend 'tensorrt': give one of onnxruntime, openvino"),
     ],
 )
 def test_options_without_a_meaning_are_named(options: dict[str, Any], message: str) -> None:

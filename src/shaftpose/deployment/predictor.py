@@ -5,14 +5,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
+from shaftpose.core.backend import Backend
 from shaftpose.core.contour import Shaft
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.core.padding import unpadded
 from shaftpose.core.refinement import Refinement
+from shaftpose.deployment.backends import open_network
 from shaftpose.deployment.bundled import bundled_names
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.refinement.learned_edges import LearnedEdges
@@ -23,32 +24,28 @@ _OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
 
 
 class Predictor:
-    """An ONNX file written by the export stage, run by onnxruntime.
+    """An ONNX file written by the export stage.
 
-    refine: what the poses of a model that predicts a mask are fitted to. Raises InputError naming
-    the file if it is missing or is not such a model.
+    refine: what the poses of a model that predicts a mask are fitted to; backend: what runs it, but
+    for its edge reader, which onnxruntime runs. Raises InputError naming the file if it is missing
+    or is not such a model, or the backend if it is not installed.
     """
 
-    def __init__(self, path: Path, refine: Refinement = "edges") -> None:
+    def __init__(
+        self, path: Path, refine: Refinement = "edges", backend: Backend = "onnxruntime"
+    ) -> None:
         if not path.is_file():
             raise InputError(
                 f"{path}: no such file; export it, or name a model of the package: "
                 f"{', '.join(bundled_names())}"
             )
-        try:
-            self._session = onnxruntime.InferenceSession(
-                str(path),
-                providers=["CPUExecutionProvider"],
-                enable_fallback=0,  # to other providers, which would print to standard output
-            )
-        except Exception as error:  # onnxruntime's own exceptions have no common base
-            raise InputError(f"{path}: not a readable ONNX model; export it again") from error
-        names = [output.name for output in self._session.get_outputs()]
+        self._network = open_network(path, backend)
+        names = self._network.outputs
         if names not in (_OUTPUTS, [*_OUTPUTS, _MASK]):
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
         try:
-            self.facts = ModelFacts.from_text(self._session.get_modelmeta().custom_metadata_map)
+            self.facts = ModelFacts.from_text(self._network.metadata)
         except ValueError as error:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
         # None for a model without a mask, an instrument of unknown diameter or a distorting lens.
@@ -57,7 +54,7 @@ class Predictor:
     @property
     def side_px(self) -> int:
         """The side of the square images that the model takes."""
-        return int(self._session.get_inputs()[0].shape[1])
+        return self._network.side_px
 
     @property
     def confidence(self) -> float:
@@ -91,7 +88,7 @@ class Predictor:
         fine: the same images in more pixels, (k 299, k 299, 3), for the fit, where there are any.
         Raises InputError naming the file and the image if an output is NaN or infinite.
         """
-        boxes, scores, poses, *masks = self._session.run(None, {"image": images})
+        boxes, scores, poses, *masks = self._network.run(self._network.outputs, images)
         found = list(self._unpadded(boxes, scores, poses))
         if self.refiner is None:
             return found
@@ -101,8 +98,8 @@ class Predictor:
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The probability of a shaft (N, 299, 299) in images (N, 299, 299, 3) uint8 RGB, by a model
         that predicts it."""
-        (masks,) = self._session.run([_MASK], {"image": images})
-        return np.asarray(masks, np.float32)
+        (masks,) = self._network.run([_MASK], images)
+        return masks
 
     def _unpadded(self, *outputs: NDArray[np.floating]) -> Iterator[Detections]:
         for number in range(len(outputs[0])):

@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from shaftpose.core.backend import Backend
 from shaftpose.core.refinement import Refinement
 from shaftpose.inference.frame_cameras import Warn
 from shaftpose.inference.loading import load
@@ -19,6 +20,7 @@ class FinderOptions:
     diameter_mm: float | None
     score: float | None
     refine: Refinement
+    backend: Backend
 
     def finder(self, warn: Warn) -> ShaftFinder:
         """A finder with these options; see `load`."""

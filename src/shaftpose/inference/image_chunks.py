@@ -6,6 +6,8 @@ import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from threading import Lock
@@ -15,6 +17,7 @@ import cv2
 import numpy as np
 import onnxruntime
 
+from shaftpose.core.backend import Backend
 from shaftpose.deployment.bundled import checksum
 from shaftpose.errors import InputError
 from shaftpose.inference.finder_options import FinderOptions
@@ -123,10 +126,10 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 
     Raises InputError if the software differs or the model cannot be used.
     """
-    if chunk.run.software != _software():
+    if chunk.run.software != _software(chunk.run.options.backend):
         raise InputError(
-            f"{socket.gethostname()}: shaftpose, onnxruntime, OpenCV or numpy differ from those on "
-            "the machine that started the run; install the same versions"
+            f"{socket.gethostname()}: shaftpose, {chunk.run.options.backend}, OpenCV or numpy "
+            "differ from those on the machine that started the run; install the same versions"
         )
     with _LOADING:
         finder, warnings = _finder(chunk.run)
@@ -137,15 +140,20 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
     with model_file(options.model) as path:
         model = checksum(path)
-    rest, run = iter(sources), ChunkedRun(options, model, Path.cwd(), _software(), uuid4().hex)
+    rest, run = (
+        iter(sources),
+        ChunkedRun(options, model, Path.cwd(), _software(options.backend), uuid4().hex),
+    )
     while images := tuple(islice(rest, _IMAGES)):
         yield Chunk(images, run)
 
 
 @cache
-def _software() -> str:
+def _software(backend: Backend) -> str:
     """Hexadecimal digest of the software that determines the results."""
     digest = hashlib.sha256()
+    if backend == "openvino" and find_spec("openvino"):
+        digest.update(f"openvino {version('openvino')}".encode())
     for package in (onnxruntime, cv2, np):
         digest.update(f"{package.__name__} {package.__version__}".encode())
     for path in source_files([__name__]):

@@ -1,11 +1,13 @@
 """A model made ready for a user's frames."""
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
+from shaftpose.core.backend import Backend
 from shaftpose.core.refinement import Refinement
 from shaftpose.deployment.bundled import DEFAULT
 from shaftpose.deployment.predictor import Predictor
@@ -32,6 +34,7 @@ def load(
     diameter_mm: float | None = None,
     score: float | None = None,
     refine: Refinement = "edges",
+    backend: Backend = "onnxruntime",
     warn: Warn = log.warning,
 ) -> ShaftFinder:
     """A finder of shafts in frames (H, W, 3) uint8 RGB of any size, with the options of
@@ -40,12 +43,14 @@ def load(
     model: see `model_file`; None: the package's own. camera: OpenCV's calibration file; view_deg:
     instead, the angle across a frame's central square, without distortion. diameter_mm: of the
     shafts. score: the least of a detection; None: the model's own threshold. refine: see
-    `core.refinement`.
+    `core.refinement`. backend: the program that runs the model.
     Raises InputError naming the file or the option if one cannot be used.
     """
-    _check(camera, view_deg, diameter_mm, score, refine)
+    _check(camera, view_deg, diameter_mm, score)
+    _check_choice("refine", refine, get_args(Refinement))
+    _check_choice("backend", backend, get_args(Backend))
     with model_file(None if model is None else str(model)) as path:
-        predictor = Predictor(path, refine)
+        predictor = Predictor(path, refine, backend)
     if predictor.facts.distorted and (camera is not None or view_deg is not None):
         raise InputError(
             f"{model or DEFAULT}: was trained with lens distortion, which no other camera's frames "
@@ -64,7 +69,6 @@ def _check(
     view_deg: float | None,
     diameter_mm: float | None,
     score: float | None,
-    refine: str,
 ) -> None:
     """Raise InputError unless the options have values that mean something."""
     if camera is not None and view_deg is not None:
@@ -75,8 +79,11 @@ def _check(
         raise InputError(f"diameter_mm {diameter_mm:g}: give a number above 0")
     if score is not None and not 0 <= score <= 1:
         raise InputError(f"score {score:g}: give a number from 0 to 1")
-    if refine not in get_args(Refinement):
-        raise InputError(f"refine {refine!r}: give one of {', '.join(get_args(Refinement))}")
+
+
+def _check_choice(option: str, value: str, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise InputError(f"{option} {value!r}: give one of {', '.join(choices)}")
 
 
 def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool) -> list[str]:

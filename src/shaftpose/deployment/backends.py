@@ -1,0 +1,91 @@
+"""The programs that run an exported model: onnxruntime and, where it is installed, OpenVINO."""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from shaftpose.core.backend import Backend
+from shaftpose.errors import InputError
+
+
+class Network(Protocol):
+    """An opened model, which takes images (N, side_px, side_px, 3) uint8 RGB."""
+
+    outputs: list[str]
+    metadata: Mapping[str, str]
+
+    @property
+    def side_px(self) -> int:
+        """The side of its square images."""
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        """The values of these outputs."""
+
+
+def open_network(path: Path, backend: Backend) -> Network:
+    """The model in a file.
+
+    Raises InputError if the backend is not installed, or naming the file if it cannot be read.
+    """
+    try:
+        return _InOpenVino(path) if backend == "openvino" else _InOnnxruntime(path)
+    except ImportError as error:
+        raise InputError(
+            "--backend openvino: needs OpenVINO: pip install 'shaftpose[openvino]'"
+        ) from error
+    except Exception as error:  # the backends' own exceptions have no common base
+        raise InputError(f"{path}: not a readable ONNX model; export it again") from error
+
+
+class _InOnnxruntime:
+    def __init__(self, path: Path) -> None:
+        self._session = onnxruntime.InferenceSession(
+            str(path),
+            providers=["CPUExecutionProvider"],
+            enable_fallback=0,  # to other providers, which would print to standard output
+        )
+        self.outputs = [output.name for output in self._session.get_outputs()]
+        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+
+    @property
+    def side_px(self) -> int:
+        return int(self._session.get_inputs()[0].shape[1])
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        return list(self._session.run(outputs, {"image": images}))
+
+
+class _InOpenVino:
+    def __init__(self, path: Path) -> None:
+        import openvino
+        from openvino.frontend import FrontEndManager
+
+        # Core.read_model would try formats other than ONNX, too.
+        reader = FrontEndManager().load_by_framework("onnx")
+        model: Any = reader.convert(reader.load(str(path)))
+        stated = model.get_rt_info()["framework"] if model.has_rt_info("framework") else {}
+        self.metadata: Mapping[str, str] = {
+            name: str(value.value) for name, value in stated.items()
+        }
+        self.outputs = [output.get_any_name() for output in model.outputs]
+        settings: dict[str, str | int] = {
+            # Its default, 16 bits where the processor has them, moves poses.
+            "INFERENCE_PRECISION_HINT": "f32",
+            "PERFORMANCE_HINT": "LATENCY",
+            # The variable of onnxruntime, which sets one limit for both; 0 for none.
+            "INFERENCE_NUM_THREADS": int(os.environ.get("ORT_INTRA_OP_NUM_THREADS", 0)),
+        }
+        self._compiled = openvino.Core().compile_model(model, "CPU", settings)
+
+    @property
+    def side_px(self) -> int:
+        return int(self._compiled.inputs[0].partial_shape[1].get_length())
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        values = self._compiled(images)
+        return [np.array(values[name]) for name in outputs]

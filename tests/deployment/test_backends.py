@@ -1,0 +1,50 @@
+"""Programs that run an exported model."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shaftpose.deployment.backends import open_network
+from shaftpose.deployment.bundled import bundled_model, bundled_names
+from shaftpose.deployment.predictor import Predictor
+from shaftpose.errors import InputError
+from tests.conftest import BOXES
+
+FRAMES = Path(__file__).parents[1] / "data/bundled_models/shaftpose"
+
+
+@pytest.fixture(scope="module")
+def images() -> NDArray[np.uint8]:
+    frames = [cv2.imread(str(path))[..., ::-1] for path in sorted(FRAMES.glob("*.jpg"))]
+    return np.ascontiguousarray(np.stack(frames), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_openvino_finds_what_onnxruntime_finds(name: str, images: NDArray[np.uint8]) -> None:
+    path = bundled_model(name)
+    one, other = Predictor(path, "none"), Predictor(path, "none", "openvino")
+    assert other.facts == one.facts
+    assert other.side_px == one.side_px
+    np.testing.assert_allclose(other.masks(images), one.masks(images), atol=1e-4)
+    for known, found in zip(one(images), other(images), strict=True):
+        np.testing.assert_allclose(found.scores, known.scores, atol=1e-3)
+        np.testing.assert_allclose(found.boxes, known.boxes, atol=0.01)
+        np.testing.assert_allclose(found.poses, known.poses, atol=0.01)  # mm and deg
+
+
+def test_openvino_takes_any_number_of_images(constant_model: Path) -> None:
+    predictor = Predictor(constant_model, backend="openvino")
+    for count in (3, 1):
+        found = predictor(np.zeros((count, 299, 299, 3), dtype=np.uint8))
+        assert [image.boxes.tolist() for image in found] == [BOXES[:2]] * count
+
+
+@pytest.mark.parametrize("backend", ["onnxruntime", "openvino"])
+def test_a_file_that_is_no_model_is_named(backend: str, tmp_path: Path) -> None:
+    path = tmp_path / "saved_model.pb"  # a format that OpenVINO could read, by name
+    path.write_text("no model")
+    with pytest.raises(InputError, match=f"^{path}: not a readable ONNX model; export it again"):
+        open_network(path, backend)  # type: ignore[arg-type]
