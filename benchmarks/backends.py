@@ -7,7 +7,7 @@ affect speed. OpenVINO is measured where it is installed: `pip install openvino`
 
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,13 +18,12 @@ import numpy as np
 import onnxruntime
 import torch
 from numpy.typing import NDArray
-from onnxruntime.quantization import CalibrationDataReader, QuantFormat, quantize_static
-from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from benchmarks.inference import FILM, PAUSE_S, ROOT
 from benchmarks.machine import machine
 from shaftpose.core.images import Image
 from shaftpose.deployment.bundled import DEFAULT, bundled_model
+from shaftpose.deployment.eight_bits import quantise
 from shaftpose.deployment.onnx_export import export_onnx
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.json_files import write_json
@@ -38,18 +37,6 @@ ROUNDS, PER_ROUND = 20, 5
 PROFILE = "paper"
 SIDE_PX = 299
 Run = Callable[[Image], object]
-
-
-class Calibration(CalibrationDataReader):
-    """Gives the quantizer one image after the other."""
-
-    def __init__(self, images: Image) -> None:
-        self._images: Iterator[Image] = iter(images)
-
-    def get_next(self) -> dict[str, Image] | None:
-        """The next image, as the network's input."""
-        image = next(self._images, None)
-        return None if image is None else {"image": image[None]}
 
 
 def main() -> None:
@@ -89,16 +76,6 @@ def ways(floats: Path, images: Image) -> dict[str, Run]:
             found["OpenVINO, 16 bits"] = in_openvino(floats, "bf16")
             found["OpenVINO, 8 bits"] = in_openvino(integers, "f32")
     return found
-
-
-def quantise(model: Path, out: Path, images: Image) -> None:
-    """Write a model whose convolutions compute in 8 bits, with ranges from images (N, S, S, 3)."""
-    prepared = out.with_name("prepared.onnx")
-    quant_pre_process(str(model), str(prepared), skip_symbolic_shape=True)
-    quantize_static(
-        str(prepared), str(out), Calibration(images), quant_format=QuantFormat.QDQ,
-        op_types_to_quantize=["Conv"], per_channel=True,
-    )  # fmt: skip
 
 
 def in_onnxruntime(path: Path) -> Run:

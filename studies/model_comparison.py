@@ -3,12 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.evaluation.metrics import Metrics, evaluate
-from shaftpose.evaluation.pose_errors import pose_errors
+from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
 from shaftpose.report.report_tables import show
 
 # Limits: change of the mAP, mean change of poses as a share of their mean error, and least share of
@@ -22,12 +24,14 @@ class Comparison:
 
     shared: share of the exported model's detections that the stored one also has; moved: mean
     absolute differences of their poses by metric name, mm and deg; None if nothing is shared.
+    growth: of the mean errors, as shares of them, over the shafts that both find.
     """
 
     exported: Metrics
     stored: Metrics
     shared: float
     moved: Mapping[str, float | None]
+    growth: Mapping[str, float]
 
     @property
     def map_change(self) -> float:
@@ -63,4 +67,15 @@ def compare(
         stored=evaluate(second, known, confidence),
         shared=len(moved.tip_mm) / max(1, sum(len(found.boxes) for found in counted)),
         moved=moved.means(),
+        growth=_growth(*(pose_errors(found, known, confidence) for found in (first, second))),
     )
+
+
+def _growth(before: PoseErrors, after: PoseErrors) -> dict[str, float]:
+    """Growth of mean errors by metric name; NaN where there were none."""
+    _, first, second = np.intersect1d(before.instruments, after.instruments, return_indices=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return {
+            name: float(after.by_name[name][second].sum() / errors[first].sum() - 1)
+            for name, errors in before.by_name.items()
+        }

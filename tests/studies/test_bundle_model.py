@@ -3,70 +3,24 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
 import pytest
 from onnx import ModelProto, numpy_helper
 
-from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
-from shaftpose.dataset.split import Split, write_split
 from shaftpose.deployment import bundled
 from shaftpose.deployment.bundled import bundled_model
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
-from shaftpose.evaluation.metrics import Metrics
 from shaftpose.evaluation.silhouette_iou import SilhouetteScore
 from shaftpose.json_files import write_json
-from shaftpose.training.data_identity import rendered_digest
 from studies import bundle_model
-from studies.model_comparison import Comparison
 from studies.model_frames import complaints
-from tests.conftest import BOXES, SIDE
-from tests.evaluations import TRAINING, accuracy, evaluation, with_real
-from tests.studies.test_evaluate_trainings import edit, write_training
-
-POSES = {"x_mm": [-20.0, 20.0], "pitch_deg": [50.0, 90.0]}
-# `constant_model` predicts x = 1 mm, in the same box.
-SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
-KEYS = [sample_key(n) for n in range(5)]
-
-
-def write_data(folder: Path) -> None:
-    """Five test images, the first of them without a shaft."""
-    x0, y0, x1, y1 = (int(edge) for edge in BOXES[0])
-    mask = np.zeros((SIDE, SIDE), dtype=bool)
-    mask[y0:y1, x0:x1] = True
-    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
-    with ShardWriter(folder / "data/render/images" / shard_name(0), 95) as shard:
-        for n, key in enumerate(KEYS):
-            shafts = (Instrument(SHAFT, mask, mask),) if n else ()
-            rgb = np.full((SIDE, SIDE, 3), 40 * n, dtype=np.uint8)
-            shard.write(Sample(key, rgb, shafts, camera, {"source": "tissue-000000"}))
-    write_split(Split(train=KEYS, validation=KEYS, test=KEYS), folder / "data/split")
-
-
-@pytest.fixture
-def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of an evaluated training, in a project with its data."""
-    monkeypatch.chdir(tmp_path)
-    write_data(tmp_path)
-    trained = with_real("stand-in")
-    trained = replace(
-        trained,
-        data=replace(trained.data, digest=rendered_digest()),
-        recipe={**trained.recipe, "poses": POSES},
-    )
-    # The best detection is right in four of five images.
-    found = evaluation("D + noise + real", trained, accuracy=accuracy(mAP=0.8))
-    folder = write_training(tmp_path, found)
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
-    constant_model.rename(folder / "model.onnx")
-    return folder
+from tests.conftest import BOXES
+from tests.evaluations import TRAINING, accuracy
+from tests.studies.conftest import SHAFT, comparison
+from tests.studies.test_evaluate_trainings import edit
 
 
 def bundle(training: Path) -> Path:
@@ -199,14 +153,6 @@ def test_bounds_are_broken_by_worse_poses_and_by_missed_shafts(training: Path) -
             value.CopyFrom(numpy_helper.from_array(np.zeros((1, 3), np.float32), value.name))
     onnx.save(exported, str(file))
     assert complaints(Predictor(file), frames) == ["finds 0 instruments, not 3"]
-
-
-def comparison(**changed: Any) -> Comparison:
-    """A comparison for a model with errors of 2 mm and 4 deg."""
-    own = Metrics(0.9, 0.9, 1, 1, 1, 1, 1, 4.0, 2.0, images=5, instruments=5, detections=5,
-                  confidence=0.5)  # fmt: skip
-    moved = {"tip_mm": 0.05, "axis_deg": 0.1}
-    return replace(Comparison(own, replace(own, mAP=0.897), 0.99, moved), **changed)
 
 
 def test_a_comparison_holds_within_its_limits() -> None:

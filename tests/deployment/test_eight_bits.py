@@ -1,0 +1,74 @@
+"""Models whose convolutions compute in 8 bits."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import ModelProto, TensorProto, helper, numpy_helper
+
+from shaftpose.deployment.backends import open_network
+from shaftpose.deployment.eight_bits import outer_convolutions, quantise
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
+
+RNG = np.random.default_rng(0)
+SIDE, CHANNELS = 16, 4
+
+
+@pytest.fixture
+def model() -> ModelProto:
+    """A first convolution, two branches of which one has two more, and a head for each."""
+    nodes = [
+        helper.make_node("Cast", ["image"], ["grey"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["grey"], ["planes"], perm=[0, 3, 1, 2]),
+        helper.make_node("Mul", ["planes", "scale"], ["small"]),
+        *_conv("stem", "small"),
+        *_conv("deep", "stem"),
+        *_conv("deeper", "deep"),
+        *_conv("head", "deeper"),
+        *_conv("early head", "stem"),
+        helper.make_node("Add", ["head", "early head"], ["found"]),
+    ]
+    weights = {
+        name: RNG.normal(size=(CHANNELS, 3 if name == "stem" else CHANNELS, 1, 1)) / 2
+        for name in ("stem", "deep", "deeper", "head", "early head")
+    }
+    stored = [numpy_helper.from_array(v.astype(np.float32), f"{n} w") for n, v in weights.items()]
+    stored.append(numpy_helper.from_array(np.float32(1 / 255), "scale"))
+    image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", SIDE, SIDE, 3])
+    found = helper.make_tensor_value_info(
+        "found", TensorProto.FLOAT, ["N", CHANNELS, SIDE, SIDE]
+    )  # fmt: skip
+    graph = helper.make_graph(nodes, "small", [image], [found], stored)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
+
+
+def _conv(name: str, source: str) -> list[onnx.NodeProto]:
+    conv = helper.make_node("Conv", [source, f"{name} w"], [f"{name} sum"], name)
+    return [conv, helper.make_node("Relu", [f"{name} sum"], [name])]
+
+
+def test_the_first_and_the_last_convolutions_are_left_out(model: ModelProto) -> None:
+    assert sorted(outer_convolutions(model.graph)) == ["early head", "head", "stem"]
+
+
+def test_the_copy_computes_nearly_the_same_and_keeps_the_facts(
+    model: ModelProto, tmp_path: Path
+) -> None:
+    floats, integers = tmp_path / "model.onnx", tmp_path / "model_8bit.onnx"
+    onnx.save(model, str(floats))
+    facts = ModelFacts(confidence=0.25, view_deg=70.0, edge_reader=b"bytes")
+    store_facts(floats, facts)
+    images = RNG.integers(0, 256, (5, SIDE, SIDE, 3)).astype(np.uint8)
+    quantise(floats, integers, images)
+    first, second = (open_network(path, "onnxruntime") for path in (floats, integers))
+    assert ModelFacts.from_text(second.metadata) == facts
+    (expected,), (found,) = (network.run(["found"], images) for network in (first, second))
+    apart = np.abs(found - expected)
+    assert 0 < apart.max() < 0.02 * expected.max()  # of 255 steps, two convolutions lose a few
+    stored = {w.name: w.data_type for w in onnx.load(str(integers)).graph.initializer}
+    assert stored["stem w"] == stored["head w"] == TensorProto.FLOAT
+    kinds = [kind for name, kind in stored.items() if name.startswith("deep")]
+    assert "deep w" not in stored and TensorProto.INT8 in kinds
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.onnx", "model_8bit.onnx"]
