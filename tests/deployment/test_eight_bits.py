@@ -8,17 +8,24 @@ import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
 from shaftpose.deployment.backends import open_network
-from shaftpose.deployment.eight_bits import outer_convolutions, quantise
+from shaftpose.deployment.eight_bits import inner_nodes, quantise
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 
 RNG = np.random.default_rng(0)
 SIDE, CHANNELS = 16, 4
+INPUTS = {
+    "stem": 3,
+    "deep": CHANNELS,
+    "deeper": CHANNELS,
+    "head": 2 * CHANNELS,
+    "early head": CHANNELS,
+}
 
 
 @pytest.fixture
 def model() -> ModelProto:
-    """A first convolution, two branches of which one has two more, and a head for each."""
+    """A first convolution, two more, joined, and a head after the first and after both."""
     nodes = [
         helper.make_node("Cast", ["image"], ["grey"], to=TensorProto.FLOAT),
         helper.make_node("Transpose", ["grey"], ["planes"], perm=[0, 3, 1, 2]),
@@ -26,19 +33,19 @@ def model() -> ModelProto:
         *_conv("stem", "small"),
         *_conv("deep", "stem"),
         *_conv("deeper", "deep"),
-        *_conv("head", "deeper"),
+        helper.make_node("Concat", ["deeper", "deep"], ["joined"], "joined", axis=1),
+        *_conv("head", "joined"),
         *_conv("early head", "stem"),
-        helper.make_node("Add", ["head", "early head"], ["found"]),
+        helper.make_node("Concat", ["head", "early head"], ["found"], "decoded", axis=1),
     ]
     weights = {
-        name: RNG.normal(size=(CHANNELS, 3 if name == "stem" else CHANNELS, 1, 1)) / 2
-        for name in ("stem", "deep", "deeper", "head", "early head")
+        name: RNG.normal(size=(CHANNELS, inputs, 1, 1)) / 2 for name, inputs in INPUTS.items()
     }
     stored = [numpy_helper.from_array(v.astype(np.float32), f"{n} w") for n, v in weights.items()]
     stored.append(numpy_helper.from_array(np.float32(1 / 255), "scale"))
     image = helper.make_tensor_value_info("image", TensorProto.UINT8, ["N", SIDE, SIDE, 3])
     found = helper.make_tensor_value_info(
-        "found", TensorProto.FLOAT, ["N", CHANNELS, SIDE, SIDE]
+        "found", TensorProto.FLOAT, ["N", 2 * CHANNELS, SIDE, SIDE]
     )  # fmt: skip
     graph = helper.make_graph(nodes, "small", [image], [found], stored)
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
@@ -50,7 +57,7 @@ def _conv(name: str, source: str) -> list[onnx.NodeProto]:
 
 
 def test_the_first_and_the_last_convolutions_are_left_out(model: ModelProto) -> None:
-    assert sorted(outer_convolutions(model.graph)) == ["early head", "head", "stem"]
+    assert sorted(inner_nodes(model.graph)) == ["deep", "deeper", "joined"]
 
 
 def test_the_copy_computes_nearly_the_same_and_keeps_the_facts(

@@ -17,10 +17,13 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from shaftpose.files import new_file
 
+# Between two convolutions in 8 bits, these are faster in 8 bits, too.
+_KINDS = ["Conv", "Concat", "MaxPool", "AveragePool"]
+
 
 def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
-    """Write a copy of an exported model with 8-bit convolutions, ranges of whose inputs and outputs
-    are those on images (N, S, S, 3) of its training.
+    """Write a copy of an exported model with 8-bit convolutions, the ranges of whose values are
+    those on images (N, S, S, 3) of its training.
 
     The first convolution, the last ones, whose outputs are decoded, and the decoding stay as they
     are, and so do the model's facts.
@@ -28,18 +31,19 @@ def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
     with TemporaryDirectory() as folder, new_file(out) as part:
         prepared = Path(folder) / "prepared.onnx"
         quant_pre_process(str(model), str(prepared), skip_symbolic_shape=True)
-        quantize_static(
-            str(prepared),
-            str(part),
-            _Images(images),
-            quant_format=QuantFormat.QDQ,
-            op_types_to_quantize=["Conv"],
-            nodes_to_exclude=outer_convolutions(onnx.load(str(prepared)).graph),
-            per_channel=True,
-            # Signed inputs are no faster than float32 in onnxruntime on x86.
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-        )
+        with np.errstate(invalid="ignore"):  # ranges of decoded values, which it does not use
+            quantize_static(
+                str(prepared),
+                str(part),
+                _Images(images),
+                quant_format=QuantFormat.QDQ,
+                op_types_to_quantize=_KINDS,
+                nodes_to_quantize=inner_nodes(onnx.load(str(prepared)).graph),
+                per_channel=True,
+                # Signed inputs are no faster than float32 in onnxruntime on x86.
+                activation_type=QuantType.QUInt8,
+                weight_type=QuantType.QInt8,
+            )
         written = onnx.load(str(part))
         onnx.helper.set_model_props(
             written, {fact.key: fact.value for fact in onnx.load(str(model)).metadata_props}
@@ -47,16 +51,16 @@ def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
         onnx.save(written, str(part), format="protobuf")
 
 
-def outer_convolutions(graph: GraphProto) -> list[str]:
-    """The names of the first convolution, and of those from which no other convolution takes its
-    input, directly or through other nodes."""
-    names, leading = [], set[str]()  # leading: values from which a convolution follows
+def inner_nodes(graph: GraphProto) -> list[str]:
+    """The names of the nodes to quantise: those from which a convolution follows, directly or
+    through other nodes, but for the first convolution."""
     first = next(node.name for node in graph.node if node.op_type == "Conv")
+    names, leading = [], set[str]()  # leading: values from which a convolution follows
     for node in reversed(graph.node):  # nodes stand after those whose outputs they take
         leads = not leading.isdisjoint(node.output)
-        if node.op_type == "Conv" and (node.name == first or not leads):
+        if leads and node.op_type in _KINDS and node.name != first:
             names.append(node.name)
-        if node.op_type == "Conv" or leads:
+        if leads or node.op_type == "Conv":
             leading.update(node.input)
     return names
 
