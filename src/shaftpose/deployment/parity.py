@@ -19,7 +19,7 @@ from shaftpose.deployment.refinement.learned_edges import LearnedEdges
 from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.
-SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.5
+SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.01
 MASK_TOLERANCE = 0.001
 EDGE_TOLERANCE = 0.001  # columns, and logarithms
 _STRIPS = 16
