@@ -7,16 +7,17 @@ default model in README.
 """
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from shaftpose.core.markdown import pipe_table
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model
+from shaftpose.deployment.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
 from shaftpose.deployment.prediction import predict_shards
 from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import exit_on_input_error
+from shaftpose.errors import InputError, exit_on_input_error
 from shaftpose.evaluation.metrics import Metrics, evaluate
+from shaftpose.handovers import read_handover
 from shaftpose.json_files import write_json
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
 from studies.page_tables import rewrite, with_tables
@@ -24,6 +25,14 @@ from studies.page_tables import rewrite, with_tables
 RECORDS = Path("reports/bundled")
 COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by model_card.md.j2
 COLUMNS = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
+
+
+@dataclass(frozen=True)
+class BundledErrors:
+    """What was measured of a bundled model. model: the line of its checksum."""
+
+    model: str
+    metrics: Metrics
 
 
 def main() -> None:
@@ -36,7 +45,21 @@ def main() -> None:
         metrics = measured(Predictor(bundled_model(name)), Path("data/render/images"))
         tables = {"errors": table(metrics)}
         rewrite(card, lambda page: with_tables(page, tables, COMMAND, card.name))
-        write_json(RECORDS / f"{name}.json", asdict(metrics))
+        record = BundledErrors(checksum(bundled_model(name)).decode(), metrics)
+        write_json(RECORDS / f"{name}.json", asdict(record))
+
+
+def recorded(root: Path, name: str = DEFAULT) -> Metrics:
+    """What was measured of a bundled model.
+
+    Raises InputError if there is no record below `root`, or one of another model.
+    """
+    remedy = f"run `{COMMAND} --name {name}`"
+    path = root / RECORDS / f"{name}.json"
+    record = read_handover(path, BundledErrors, remedy)
+    if record.model.encode() != checksum(bundled_model(name)):
+        raise InputError(f"{path}: measured of another model than the bundled one; {remedy}")
+    return record.metrics
 
 
 def measured(predictor: Predictor, images: Path) -> Metrics:

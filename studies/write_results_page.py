@@ -12,13 +12,12 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.figure_style import save_figure
-from shaftpose.deployment.bundled import DEFAULT
 from shaftpose.errors import exit_on_input_error
-from shaftpose.evaluation.metrics import Metrics
 from shaftpose.handovers import read_handover
 from shaftpose.json_files import read_json
 from shaftpose.report.ablation import AblationReport
 from studies.architecture_tables import rounding_table
+from studies.bundled_errors import recorded
 from studies.palette_pictures import store_with_palette
 from studies.readme_table import with_table
 from studies.record import TrainingRecord, read_record
@@ -59,9 +58,7 @@ def page(root: Path) -> str:
 
 def readme(root: Path) -> str:
     """README with the table of the results below `root`."""
-    path = root / "reports/bundled" / f"{DEFAULT}.json"
-    default = read_handover(path, Metrics, "run `python -m studies.bundled_errors`")
-    return with_table((root / README.name).read_text(), report_of(root), default)
+    return with_table((root / README.name).read_text(), report_of(root), recorded(root))
 
 
 def records(root: Path) -> list[TrainingRecord]:

@@ -1,6 +1,6 @@
 """What is measured of a bundled model on new renders, with a model whose answer is known."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +8,15 @@ import pytest
 
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.deployment.bundled import bundled_model, checksum
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.deployment.predictor import Predictor
-from studies.bundled_errors import measured, table
+from shaftpose.errors import InputError
+from shaftpose.json_files import write_json
+from studies.bundled_errors import RECORDS, BundledErrors, measured, recorded, table
 from tests.conftest import BOXES, SIDE
+from tests.evaluations import METRICS
 
 # `constant_model` predicts x = 1 mm, in the same box.
 SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
@@ -44,3 +48,15 @@ def test_all_images_are_measured(constant_model: Path, renders: Path) -> None:
         "the shafts that were found, with a score of at least 0.500.",
     ]
     assert lines[-1] == "| 0.900 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |"
+
+
+def test_a_record_of_another_model_is_refused(constant_model: Path, tmp_path: Path) -> None:
+    path = tmp_path / RECORDS / "shaftpose.json"
+    with pytest.raises(InputError, match="run `python -m studies.bundled_errors --name shaftpose`"):
+        recorded(tmp_path)
+    own = replace(METRICS, mAP=0.9)
+    write_json(path, asdict(BundledErrors(checksum(bundled_model()).decode(), own)))
+    assert recorded(tmp_path) == own
+    write_json(path, asdict(BundledErrors(checksum(constant_model).decode(), own)))
+    with pytest.raises(InputError, match=f"^{path}: measured of another model than the bundled"):
+        recorded(tmp_path)
