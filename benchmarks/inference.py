@@ -8,7 +8,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +22,8 @@ from tqdm import tqdm
 from benchmarks.machine import machine
 from shaftpose.core.images import Image
 from shaftpose.core.refinement import Refinement
-from shaftpose.deployment.bundled import bundled_names
+from shaftpose.deployment.backends import open_network
+from shaftpose.deployment.bundled import bundled_model, bundled_names
 from shaftpose.inference.loading import load
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.video_files import VideoFile
@@ -34,6 +35,8 @@ FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
+NETWORK = "network alone"  # in place of a refinement
+Run = Callable[[Image], object]
 PAUSE_S = 0.1  # the threads of a model keep spinning for a while
 # A new process: seconds until the poses in a first frame, imports included, then its peak memory
 # after more frames, in MiB.
@@ -56,8 +59,8 @@ print(seconds, peak_mib())
 def main() -> None:
     """Measure and write."""
     names = [(model, refine) for model in bundled_names() for refine in get_args(Refinement)]
-    seconds = times(names)
-    rows = [row(*name, seconds[name]) for name in names]
+    seconds = times({name: finder(*name) for name in names} | networks())
+    rows = [row(*name, seconds[name], seconds[name[0], NETWORK]) for name in names]
     result = {
         "machine": machine(),
         "onnxruntime": onnxruntime.__version__,
@@ -76,6 +79,18 @@ def finder(model: str, refine: Refinement) -> ShaftFinder:
     return load(model, view_deg=95.0, diameter_mm=3.0, refine=refine)
 
 
+def networks() -> dict[tuple[str, str], Run]:
+    """The networks of the models alone, with any frame of the size that they take."""
+    return {(model, NETWORK): network(bundled_model(model)) for model in bundled_names()}
+
+
+def network(path: Path) -> Run:
+    """A network alone."""
+    opened = open_network(path, "onnxruntime")
+    small = np.asarray(cv2.resize(next(frames()), (opened.side_px,) * 2), np.uint8)[None]
+    return lambda _: opened.run(opened.outputs, small)
+
+
 def frames() -> Iterator[Image]:
     """The package's film, enlarged to the height of the frames and black beside it, for ever."""
     left = (WIDTH - HEIGHT) // 2
@@ -85,28 +100,30 @@ def frames() -> Iterator[Image]:
         yield np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8)
 
 
-def times(names: list[tuple[str, Refinement]]) -> dict[tuple[str, Refinement], list[float]]:
-    """Seconds of each frame; each round runs every model with every refinement once."""
-    finders = {name: finder(*name) for name in names}
-    seconds: dict[tuple[str, Refinement], list[float]] = {name: [] for name in names}
+def times(runs: Mapping[tuple[str, str], Run]) -> dict[tuple[str, str], list[float]]:
+    """Seconds of each frame; each round runs all of them."""
+    seconds: dict[tuple[str, str], list[float]] = {name: [] for name in runs}
     images = frames()
     for number in tqdm(range(ROUNDS + 1), "rounds"):
         batch = [next(images) for _ in range(PER_ROUND)]
-        for name, find in finders.items():
+        for name, run in runs.items():
             time.sleep(PAUSE_S)
-            taken = [_seconds(find, image) for image in batch]
+            taken = [_seconds(run, image) for image in batch]
             seconds[name] += taken if number else []  # the first round warms up
     return seconds
 
 
-def _seconds(find: ShaftFinder, image: Image) -> float:
+def _seconds(run: Run, image: Image) -> float:
     start = time.perf_counter()
-    find(image)
+    run(image)
     return time.perf_counter() - start
 
 
-def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
-    """The figures of a model with a refinement."""
+def row(model: str, refine: Refinement, seconds: list[float], alone: list[float]) -> dict[str, Any]:
+    """The figures of a model with a refinement; alone: seconds of the network.
+
+    pre_post_share: of the time, what is spent outside of the network, the fit included.
+    """
     with TemporaryDirectory() as folder:
         first = Path(folder) / "frame.png"
         cv2.imwrite(str(first), next(frames())[..., ::-1])
@@ -120,6 +137,7 @@ def row(model: str, refine: Refinement, seconds: list[float]) -> dict[str, Any]:
         "model": model,
         "refine": refine,
         "fps_median": round(1 / statistics.median(seconds), 1),
+        "pre_post_share": round(1 - statistics.median(alone) / statistics.median(seconds), 2),
         "ms_p95": round(1000 * float(np.percentile(seconds, 95)), 1),
         "cold_start_s": round(statistics.median(cold), 2),
         "rss_mib": round(max(peaks)),
