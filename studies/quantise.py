@@ -2,7 +2,7 @@
 
 `python -m studies.quantise models/d` takes the ranges of values from training images and writes
 `model_8bit.onnx` beside the folder's `model.onnx`, and nothing if it is worse on the validation and
-test images in data/. It runs fastest by `shaftpose predict --backend openvino`.
+test images in data/. Wide networks run fastest by `shaftpose predict --backend openvino`.
 """
 
 import argparse
