@@ -7,21 +7,22 @@ affect speed.
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-import onnxruntime
 import openvino
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.inference import FILM, PAUSE_S, ROOT
+from benchmarks.inference import FILM, PAUSE_S, ROOT, Run
 from benchmarks.machine import machine
+from shaftpose.core.backend import Backend
 from shaftpose.core.images import Image
+from shaftpose.deployment.backends import open_network
 from shaftpose.deployment.bundled import DEFAULT, bundled_model
 from shaftpose.deployment.eight_bits import quantise
 from shaftpose.deployment.onnx_export import export_onnx
@@ -36,7 +37,6 @@ OUT = ROOT / "benchmarks/results/backends.json"
 ROUNDS, PER_ROUND = 20, 5
 PROFILE = "paper"
 SIDE_PX = 299
-Run = Callable[[Image], object]
 
 
 def main() -> None:
@@ -67,23 +67,24 @@ def ways(floats: Path, images: Image) -> dict[str, Run]:
     with TemporaryDirectory() as folder:
         integers = Path(folder) / "int8.onnx"
         quantise(floats, integers, images[::5])
-        found = {"onnxruntime, 32 bits": in_onnxruntime(floats)}
-        found["onnxruntime, 8 bits"] = in_onnxruntime(integers)
-        found["OpenVINO, 32 bits"] = in_openvino(floats, "f32")
-        found["OpenVINO, 16 bits"] = in_openvino(floats, "bf16")
-        found["OpenVINO, 8 bits"] = in_openvino(integers, "f32")
-    return found
+        return {
+            "onnxruntime, 32 bits": by(floats, "onnxruntime"),
+            "onnxruntime, 8 bits": by(integers, "onnxruntime"),
+            "OpenVINO, 32 bits": by(floats, "openvino"),
+            "OpenVINO, 16 bits": in_16_bits(floats),
+            "OpenVINO, 8 bits": by(integers, "openvino"),
+        }
 
 
-def in_onnxruntime(path: Path) -> Run:
+def by(path: Path, backend: Backend) -> Run:
     """As the package runs models."""
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    return lambda image: session.run(None, {"image": image[None]})
+    network = open_network(path, backend)
+    return lambda image: network.run(network.outputs, image[None])
 
 
-def in_openvino(path: Path, precision: str) -> Run:
-    """precision: of what the file has in 32 bits, f32 or bf16."""
-    settings = {"INFERENCE_PRECISION_HINT": precision, "PERFORMANCE_HINT": "LATENCY"}
+def in_16_bits(path: Path) -> Run:
+    """By OpenVINO in bfloat16, which the package does not offer."""
+    settings = {"INFERENCE_PRECISION_HINT": "bf16", "PERFORMANCE_HINT": "LATENCY"}
     model = openvino.Core().compile_model(str(path), "CPU", settings)
     return lambda image: model(image[None])
 

@@ -24,7 +24,7 @@ class Comparison:
 
     shared: share of the exported model's detections that the stored one also has; moved: mean
     absolute differences of their poses by metric name, mm and deg; None if nothing is shared.
-    growth: of the mean errors, as shares of them, over the shafts that both find.
+    growth: the relative change of each mean error over the shafts that both find.
     """
 
     exported: Metrics
@@ -67,12 +67,14 @@ def compare(
         stored=evaluate(second, known, confidence),
         shared=len(moved.tip_mm) / max(1, sum(len(found.boxes) for found in counted)),
         moved=moved.means(),
-        growth=_growth(*(pose_errors(found, known, confidence) for found in (first, second))),
+        growth=growth_between(
+            *(pose_errors(found, known, confidence) for found in (first, second))
+        ),
     )
 
 
-def _growth(before: PoseErrors, after: PoseErrors) -> dict[str, float]:
-    """Growth of mean errors by metric name; NaN where there were none."""
+def growth_between(before: PoseErrors, after: PoseErrors) -> dict[str, float]:
+    """The relative change of mean errors by metric name; NaN where they are undefined or 0."""
     _, first, second = np.intersect1d(before.instruments, after.instruments, return_indices=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return {

@@ -1,18 +1,20 @@
 """A finished training's model in 8 bits, compared with the exported one.
 
 `python -m studies.quantise models/d` takes the ranges of values from training images and writes
-`model_8bit.onnx` beside the folder's `model.onnx`, and nothing if it is worse on the validation and
-test images in data/. Wide networks run fastest by `shaftpose predict --backend openvino`.
+`model_8bit.onnx` beside the folder's `model.onnx`, and nothing if its network, without a fit of
+poses, is worse on the validation and test images in data/. Wide networks run fastest by `shaftpose predict --backend openvino`.
 """
 
 import argparse
 from pathlib import Path
 
+from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.core.split_lists import first_images, read_keys
 from shaftpose.deployment.eight_bits import quantise
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.files import new_file
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check
 from studies.model_comparison import Comparison, compare
@@ -21,7 +23,6 @@ IMAGES, SPLIT = Path("data/render/images"), Path("data/split")
 CALIBRATION_IMAGES = 200
 # What may be lost: of the mAP, a difference; of the detected rate and the errors, a share.
 MAP_LOSS, SHARE_LOST = 0.005, 0.02
-ERRORS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 
 
 def main() -> None:
@@ -33,28 +34,38 @@ def main() -> None:
 
 
 def eight_bit_model(folder: Path) -> Path:
-    """Write and compare. Raises InputError, and leaves no file, if it loses too much."""
+    """Compare and write. Raises InputError, and writes nothing, if it loses too much."""
     check(folder, rendered_digest())
-    exported, out = folder / "model.onnx", folder / "model_8bit.onnx"
-    quantise(exported, out, first_images(IMAGES, SPLIT, "train", CALIBRATION_IMAGES))
+    path, out = folder / "model.onnx", folder / "model_8bit.onnx"
     # Without the fit, which does not compute in 8 bits and sometimes ends elsewhere.
-    keys = [*read_keys(SPLIT, "validation"), *read_keys(SPLIT, "test")]
-    networks = Predictor(exported, "none"), Predictor(out, "none")
-    found = compare(*networks, ShardedDataset(IMAGES), keys)
-    print(found)
-    if losses := too_much_lost(found):
-        out.unlink()
-        raise InputError(f"{exported}: loses too much in 8 bits: {'; '.join(losses)}")
+    exported, keys = Predictor(path, "none"), evaluated_keys()
+    with new_file(out) as part:
+        quantise(path, part, first_images(IMAGES, SPLIT, "train", CALIBRATION_IMAGES))
+        found = compare(exported, Predictor(part, "none"), ShardedDataset(IMAGES), keys)
+        print(f"{found}; {growth(found)}")
+        if losses := too_much_lost(found):
+            raise InputError(f"{path}: loses too much in 8 bits: {'; '.join(losses)}")
     return out
 
 
+def evaluated_keys() -> list[str]:
+    """All images that are not trained on: of few, single wrong poses would decide."""
+    return [*read_keys(SPLIT, "validation"), *read_keys(SPLIT, "test")]
+
+
+def growth(found: Comparison) -> str:
+    """The growth of errors as text."""
+    shares = ", ".join(f"{name} {found.growth[name]:+.1%}" for name in POSE_DIMENSIONS)
+    return f"errors over the shafts that both find grow by {shares}"
+
+
 def too_much_lost(found: Comparison) -> list[str]:
-    """What is worse by more than is accepted. Errors are compared over the shafts that both find: a
-    wrong pose more or less would decide otherwise."""
+    """What is worse by more than is accepted. Errors are compared over the shafts that both find,
+    so that a shaft more or less with a wrong pose does not count as growth."""
     before, after = found.exported.detected_rate or 0.0, found.stored.detected_rate or 0.0
     losses = [
         f"{name} grows by {found.growth[name]:.1%}"
-        for name in ERRORS
+        for name in POSE_DIMENSIONS
         if not found.growth[name] <= SHARE_LOST
     ]
     if found.map_change < -MAP_LOSS:

@@ -76,7 +76,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--backend", choices=get_args(Backend), default="onnxruntime",
-        help="the program that runs the model (onnxruntime)",
+        help="the program that runs the model (onnxruntime); openvino needs the extra of that name",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")

@@ -1,5 +1,6 @@
 """Programs that run an exported model."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -29,6 +30,7 @@ def test_openvino_finds_what_onnxruntime_finds(name: str, images: NDArray[np.uin
     assert other.facts == one.facts
     assert other.side_px == one.side_px
     np.testing.assert_allclose(other.masks(images), one.masks(images), atol=1e-4)
+    assert one(images)[0].scores.max() > 0.4
     for known, found in zip(one(images), other(images), strict=True):
         np.testing.assert_allclose(found.scores, known.scores, atol=1e-3)
         np.testing.assert_allclose(found.boxes, known.boxes, atol=0.01)
@@ -42,9 +44,28 @@ def test_openvino_takes_any_number_of_images(constant_model: Path) -> None:
         assert [image.boxes.tolist() for image in found] == [BOXES[:2]] * count
 
 
+def test_threads_may_share_openvino(images: NDArray[np.uint8]) -> None:
+    network = open_network(bundled_model(), "openvino")
+    expected = [network.run(["boxes"], image[None])[0] for image in images]
+    with ThreadPoolExecutor(4) as pool:
+        found = pool.map(lambda n: network.run(["boxes"], images[n % 3][None])[0], range(12))
+        for number, boxes in enumerate(found):
+            np.testing.assert_array_equal(boxes, expected[number % 3])
+
+
 @pytest.mark.parametrize("backend", ["onnxruntime", "openvino"])
 def test_a_file_that_is_no_model_is_named(backend: str, tmp_path: Path) -> None:
-    path = tmp_path / "saved_model.pb"  # a format that OpenVINO could read, by name
+    path = tmp_path / "model.onnx"
     path.write_text("no model")
     with pytest.raises(InputError, match=f"^{path}: not a readable ONNX model; export it again"):
         open_network(path, backend)  # type: ignore[arg-type]
+
+
+def test_openvino_reads_onnx_alone(tmp_path: Path) -> None:
+    import openvino
+
+    intermediate = tmp_path / "model.xml"
+    openvino.save_model(openvino.Core().read_model(bundled_model()), intermediate)
+    openvino.Core().read_model(intermediate)
+    with pytest.raises(InputError, match=f"^{intermediate}: not a readable ONNX model"):
+        open_network(intermediate, "openvino")

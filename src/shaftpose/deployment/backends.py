@@ -3,6 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
@@ -78,8 +79,9 @@ class _InOpenVino:
             "INFERENCE_PRECISION_HINT": "f32",
             "PERFORMANCE_HINT": "LATENCY",
             # The variable of onnxruntime, which sets one limit for both; 0 for none.
-            "INFERENCE_NUM_THREADS": int(os.environ.get("ORT_INTRA_OP_NUM_THREADS", 0)),
+            "INFERENCE_NUM_THREADS": int(os.environ.get("ORT_INTRA_OP_NUM_THREADS") or 0),
         }
+        self._busy = Lock()  # one request at a time
         self._compiled = openvino.Core().compile_model(model, "CPU", settings)
 
     @property
@@ -87,5 +89,6 @@ class _InOpenVino:
         return int(self._compiled.inputs[0].partial_shape[1].get_length())
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        values = self._compiled(images)
-        return [np.array(values[name]) for name in outputs]
+        with self._busy:
+            values = self._compiled(images)  # copies of the request's own
+        return [np.asarray(values[name]) for name in outputs]

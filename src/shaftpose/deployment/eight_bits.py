@@ -1,4 +1,4 @@
-"""An exported model whose convolutions compute in 8 bits, which is faster."""
+"""An exported model whose convolutions compute in 8 bits."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,11 +22,11 @@ _KINDS = ["Conv", "Concat", "MaxPool", "AveragePool"]
 
 
 def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
-    """Write a copy of an exported model with 8-bit convolutions, the ranges of whose values are
-    those on images (N, S, S, 3) of its training.
+    """Write a copy of an exported model that computes in 8 bits, with the ranges that values have
+    on images (N, S, S, 3), some of those that it was trained on.
 
-    The first convolution, the last ones, whose outputs are decoded, and the decoding stay as they
-    are, and so do the model's facts.
+    The first convolution, those whose outputs are decoded, and the decoding stay as they are, and
+    so do the model's facts.
     """
     with TemporaryDirectory() as folder, new_file(out) as part:
         prepared = Path(folder) / "prepared.onnx"

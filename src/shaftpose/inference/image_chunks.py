@@ -6,8 +6,7 @@ import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from importlib.metadata import version
-from importlib.util import find_spec
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from threading import Lock
@@ -128,8 +127,8 @@ def predict_chunk(chunk: Chunk) -> Prediction:
     """
     if chunk.run.software != _software(chunk.run.options.backend):
         raise InputError(
-            f"{socket.gethostname()}: shaftpose, {chunk.run.options.backend}, OpenCV or numpy "
-            "differ from those on the machine that started the run; install the same versions"
+            f"{socket.gethostname()}: shaftpose, onnxruntime, OpenVINO, OpenCV or numpy differ "
+            "from those on the machine that started the run; install the same versions"
         )
     with _LOADING:
         finder, warnings = _finder(chunk.run)
@@ -152,8 +151,8 @@ def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk
 def _software(backend: Backend) -> str:
     """Hexadecimal digest of the software that determines the results."""
     digest = hashlib.sha256()
-    if backend == "openvino" and find_spec("openvino"):
-        digest.update(f"openvino {version('openvino')}".encode())
+    if backend == "openvino":
+        digest.update(f"openvino {import_module('openvino').__version__}".encode())
     for package in (onnxruntime, cv2, np):
         digest.update(f"{package.__name__} {package.__version__}".encode())
     for path in source_files([__name__]):
