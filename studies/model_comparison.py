@@ -62,14 +62,13 @@ def compare(
     confidence = exported.confidence
     counted = [found.above(confidence) for found in first]
     moved = pose_errors(second, [Annotations(f.boxes, f.poses) for f in counted], confidence)
+    both = (pose_errors(found, known, confidence) for found in (first, second))
     return Comparison(
         exported=evaluate(first, known, confidence),
         stored=evaluate(second, known, confidence),
         shared=len(moved.tip_mm) / max(1, sum(len(found.boxes) for found in counted)),
         moved=moved.means(),
-        growth=growth_between(
-            *(pose_errors(found, known, confidence) for found in (first, second))
-        ),
+        growth=growth_between(*both),
     )
 
 

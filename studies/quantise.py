@@ -2,7 +2,8 @@
 
 `python -m studies.quantise models/d` takes the ranges of values from training images and writes
 `model_8bit.onnx` beside the folder's `model.onnx`, and nothing if its network, without a fit of
-poses, is worse on the validation and test images in data/. Wide networks run fastest by `shaftpose predict --backend openvino`.
+poses, is worse on the validation and test images in data/. Wide networks run fastest by `shaftpose
+predict --backend openvino`.
 """
 
 import argparse

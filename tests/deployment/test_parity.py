@@ -1,6 +1,7 @@
 from typing import Any
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -106,6 +107,12 @@ def test_if_nothing_scores_as_the_limit_all_is_compared() -> None:
     parity = check_parity(Known(), file_that_finds(BOXES, SCORES, poses), IMAGES, 0.95)
     assert parity.detections == 2
     assert not parity.holds
+
+
+@pytest.mark.parametrize(("apart", "holds"), [(0.008, True), (0.012, False)])
+def test_poses_may_differ_by_a_hundredth(apart: float, holds: bool) -> None:
+    poses = [[value + apart for value in POSES[0]], POSES[1]]
+    assert check_parity(Known(), file_that_finds(BOXES, SCORES, poses), IMAGES).holds == holds
 
 
 def test_a_pose_that_is_no_number_does_not_hold() -> None:
