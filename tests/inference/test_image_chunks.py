@@ -172,3 +172,8 @@ def test_other_software_is_refused(
 
     with pytest.raises(InputError, match="differ from those on the machine that started the run"):
         run(images, options, older)
+
+
+def test_openvino_gives_the_same_results(images: list[Source], options: FinderOptions) -> None:
+    found, _ = run(images, replace(options, backend="openvino"))
+    assert str(found) == str(run(images, options)[0])
