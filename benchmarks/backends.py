@@ -6,9 +6,8 @@ affect speed.
 """
 
 import statistics
-import time
-from collections.abc import Mapping
 from importlib.metadata import version
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,9 +15,8 @@ import cv2
 import numpy as np
 import openvino
 import torch
-from numpy.typing import NDArray
 
-from benchmarks.inference import FILM, PAUSE_S, ROOT, Run
+from benchmarks.inference import FILM, ROOT, Run, times
 from benchmarks.machine import machine
 from shaftpose.core.backend import Backend
 from shaftpose.core.images import Image
@@ -54,8 +52,9 @@ def main() -> None:
             title: {"PyTorch, 32 bits": in_pytorch(detector)} | ways(path, images),
         }
         for network, those in networks.items():
-            for name, speed in measure(those, images).items():
-                rows.append({"network": network, "run by": name, "fps_median": round(speed, 1)})
+            for name, seconds in times(those, cycle(images), ROUNDS, PER_ROUND).items():
+                fps = round(1 / statistics.median(seconds), 1)
+                rows.append({"network": network, "run by": name, "fps_median": fps})
                 print(rows[-1])
     packages = {name: version(name) for name in ("torch", "onnxruntime", "openvino")}
     write_json(OUT, {"machine": machine(), **packages, "backends": rows})
@@ -97,20 +96,6 @@ def in_pytorch(detector: ShaftDetector) -> Run:
             return detector(torch.from_numpy(image[None]))
 
     return run
-
-
-def measure(runs: Mapping[str, Run], images: NDArray[np.uint8]) -> dict[str, float]:
-    """Median images/s of each, one image at a time; each round runs all of them."""
-    seconds: dict[str, list[float]] = {name: [] for name in runs}
-    for number in range(ROUNDS + 1):
-        for name, run in runs.items():
-            time.sleep(PAUSE_S)
-            for image in images[:PER_ROUND]:
-                start = time.perf_counter()
-                run(image)
-                if number:  # the first round warms up
-                    seconds[name].append(time.perf_counter() - start)
-    return {name: 1 / statistics.median(taken) for name, taken in seconds.items()}
 
 
 if __name__ == "__main__":

@@ -8,11 +8,11 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import cv2
 import numpy as np
@@ -37,6 +37,7 @@ ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
 NETWORK = "network alone"  # in place of a refinement
 Run = Callable[[Image], object]
+Name = TypeVar("Name", bound=Hashable)
 PAUSE_S = 0.1  # the threads of a model keep spinning for a while
 # A new process: seconds until the poses in a first frame, imports included, then its peak memory
 # after more frames, in MiB.
@@ -59,7 +60,8 @@ print(seconds, peak_mib())
 def main() -> None:
     """Measure and write."""
     names = [(model, refine) for model in bundled_names() for refine in get_args(Refinement)]
-    seconds = times({name: finder(*name) for name in names} | networks())
+    runs = {name: finder(*name) for name in names} | networks()
+    seconds = times(runs, frames(), ROUNDS, PER_ROUND)
     rows = [row(*name, seconds[name], seconds[name[0], NETWORK]) for name in names]
     result = {
         "machine": machine(),
@@ -100,12 +102,13 @@ def frames() -> Iterator[Image]:
         yield np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8)
 
 
-def times(runs: Mapping[tuple[str, str], Run]) -> dict[tuple[str, str], list[float]]:
-    """Seconds of each frame; each round runs all of them."""
-    seconds: dict[tuple[str, str], list[float]] = {name: [] for name in runs}
-    images = frames()
-    for number in tqdm(range(ROUNDS + 1), "rounds"):
-        batch = [next(images) for _ in range(PER_ROUND)]
+def times(
+    runs: Mapping[Name, Run], images: Iterator[Image], rounds: int, per_round: int
+) -> dict[Name, list[float]]:
+    """Seconds of each image; each round runs all of them."""
+    seconds: dict[Name, list[float]] = {name: [] for name in runs}
+    for number in tqdm(range(rounds + 1), "rounds"):
+        batch = [next(images) for _ in range(per_round)]
         for name, run in runs.items():
             time.sleep(PAUSE_S)
             taken = [_seconds(run, image) for image in batch]

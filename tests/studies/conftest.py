@@ -25,17 +25,22 @@ SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
 KEYS = [sample_key(n) for n in range(5)]
 
 
-def write_data(folder: Path) -> None:
-    """Five test images, the first of them without a shaft."""
+def sample(number: int, *shafts: ShaftPose) -> Sample:
+    """A plain image with shafts in the first of `BOXES`."""
     x0, y0, x1, y1 = (int(edge) for edge in BOXES[0])
     mask = np.zeros((SIDE, SIDE), dtype=bool)
     mask[y0:y1, x0:x1] = True
     camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+    rgb = np.full((SIDE, SIDE, 3), 40 * number, dtype=np.uint8)
+    instruments = tuple(Instrument(shaft, mask, mask) for shaft in shafts)
+    return Sample(sample_key(number), rgb, instruments, camera, {"source": "tissue-000000"})
+
+
+def write_data(folder: Path) -> None:
+    """Five test images, the first of them without a shaft."""
     with ShardWriter(folder / "data/render/images" / shard_name(0), 95) as shard:
-        for n, key in enumerate(KEYS):
-            shafts = (Instrument(SHAFT, mask, mask),) if n else ()
-            rgb = np.full((SIDE, SIDE, 3), 40 * n, dtype=np.uint8)
-            shard.write(Sample(key, rgb, shafts, camera, {"source": "tissue-000000"}))
+        for n in range(len(KEYS)):
+            shard.write(sample(n, SHAFT) if n else sample(n))
     write_split(Split(train=KEYS, validation=KEYS, test=KEYS), folder / "data/split")
 
 

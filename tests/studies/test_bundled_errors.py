@@ -3,11 +3,9 @@
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.shards import ShardWriter, shard_name
 from shaftpose.deployment.bundled import bundled_model, checksum
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts
@@ -15,25 +13,16 @@ from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
 from shaftpose.json_files import write_json
 from studies.bundled_errors import RECORDS, BundledErrors, measured, recorded, table
-from tests.conftest import BOXES, SIDE
 from tests.evaluations import METRICS
-
-# `constant_model` predicts x = 1 mm, in the same box.
-SHAFT = ShaftPose(1.5, -2.0, 20.0, 70.0, 123.0)
+from tests.studies.conftest import SHAFT, sample
 
 
 @pytest.fixture
 def renders(tmp_path: Path) -> Path:
     """Two images that show a shaft in the first of `BOXES`."""
-    x0, y0, x1, y1 = (int(edge) for edge in BOXES[0])
-    mask = np.zeros((SIDE, SIDE), dtype=bool)
-    mask[y0:y1, x0:x1] = True
-    camera = Camera.from_field_of_view(SIDE, SIDE, 95.0)
     with ShardWriter(tmp_path / shard_name(0), 95) as shard:
         for n in range(2):
-            rgb = np.full((SIDE, SIDE, 3), 40 * n, dtype=np.uint8)
-            shaft = Instrument(SHAFT, mask, mask)
-            shard.write(Sample(sample_key(n), rgb, (shaft,), camera, {"source": "tissue-000000"}))
+            shard.write(sample(n, SHAFT))
     return tmp_path
 
 

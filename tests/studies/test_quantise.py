@@ -15,8 +15,8 @@ from studies.quantise import eight_bit_model, too_much_lost
 from tests.conftest import BOXES, POSES, SCORES, write_constant_model
 from tests.studies.conftest import KEYS, comparison
 
-# `constant_model` predicts x = 1 mm for shafts at 1.5, and y as it is: as if errors grew from 0.
-RIGHT_X, WORSE_X = 1.5, 0.5
+# The exported model predicts x = 1 mm for shafts at 1.5 mm: an error of 0.5.
+ERR_0505, ERR_1 = 0.995, 0.5  # x that errs by 0.505 and by 1 mm
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_copy_that_is_as_good_is_kept(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(quantise, "POSE_DIMENSIONS", ("x_mm",))  # the others have no error
-    another.append(RIGHT_X - 0.505)
+    another.append(ERR_0505)
     assert eight_bit_model(training) == training / "model_8bit.onnx"
     assert (training / "model_8bit.onnx").is_file()
     assert "errors over the shafts that both find grow by x_mm +1.0%\n" in capsys.readouterr().out
@@ -86,7 +86,7 @@ def test_a_copy_that_loses_too_much_leaves_the_earlier_one(
     training: Path, another: list[float]
 ) -> None:
     (training / "model_8bit.onnx").write_text("earlier")
-    another.append(WORSE_X)
+    another.append(ERR_1)
     message = r"/model\.onnx: loses too much in 8 bits: x_mm grows by 100"
     with pytest.raises(InputError, match=message):
         eight_bit_model(training)
