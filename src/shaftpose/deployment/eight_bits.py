@@ -15,6 +15,8 @@ from onnxruntime.quantization import (
 )
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
+from shaftpose.deployment.model_facts import ModelFacts
+from shaftpose.deployment.onnx_export import store_facts
 from shaftpose.files import new_file
 
 # Between two convolutions in 8 bits, these are faster in 8 bits, too.
@@ -44,11 +46,8 @@ def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
                 activation_type=QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
             )
-        written = onnx.load(str(part))
-        onnx.helper.set_model_props(
-            written, {fact.key: fact.value for fact in onnx.load(str(model)).metadata_props}
-        )
-        onnx.save(written, str(part), format="protobuf")
+        stated = {fact.key: fact.value for fact in onnx.load(str(model)).metadata_props}
+        store_facts(part, ModelFacts.from_text(stated))
 
 
 def inner_nodes(graph: GraphProto) -> list[str]:
