@@ -13,14 +13,13 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-import openvino
 import torch
 
 from benchmarks.inference import FILM, ROOT, Run, times
 from benchmarks.machine import machine
 from shaftpose.core.backend import Backend
 from shaftpose.core.images import Image
-from shaftpose.deployment.backends import open_network
+from shaftpose.deployment.backends import open_network, openvino_core
 from shaftpose.deployment.bundled import DEFAULT, bundled_model
 from shaftpose.deployment.eight_bits import quantise
 from shaftpose.deployment.onnx_export import export_onnx
@@ -84,7 +83,7 @@ def by(path: Path, backend: Backend) -> Run:
 def in_16_bits(path: Path) -> Run:
     """By OpenVINO in bfloat16, which the package does not offer."""
     settings = {"INFERENCE_PRECISION_HINT": "bf16", "PERFORMANCE_HINT": "LATENCY"}
-    model = openvino.Core().compile_model(str(path), "CPU", settings)
+    model = openvino_core().compile_model(str(path), "CPU", settings)
     return lambda image: model(image[None])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.deployment.backends import open_network
+from shaftpose.deployment.backends import open_network, openvino_core
 from shaftpose.deployment.bundled import bundled_model, bundled_names
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError
@@ -65,7 +65,7 @@ def test_openvino_reads_onnx_alone(tmp_path: Path) -> None:
     import openvino
 
     intermediate = tmp_path / "model.xml"
-    openvino.save_model(openvino.Core().read_model(bundled_model()), intermediate)
-    openvino.Core().read_model(intermediate)
+    openvino.save_model(openvino_core().read_model(bundled_model()), intermediate)
+    openvino_core().read_model(intermediate)
     with pytest.raises(InputError, match=f"^{intermediate}: not a readable ONNX model"):
         open_network(intermediate, "openvino")

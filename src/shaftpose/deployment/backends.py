@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol
@@ -61,9 +62,19 @@ class _InOnnxruntime:
         return list(self._session.run(outputs, {"image": images}))
 
 
+@cache
+def openvino_core() -> Any:
+    """OpenVINO's plug-ins, one for the process: one that drops some and makes others crashes later.
+
+    Raises ImportError if OpenVINO is not installed.
+    """
+    import openvino
+
+    return openvino.Core()
+
+
 class _InOpenVino:
     def __init__(self, path: Path) -> None:
-        import openvino
         from openvino.frontend import FrontEndManager
 
         # Core.read_model would try formats other than ONNX, too.
@@ -82,7 +93,7 @@ class _InOpenVino:
             "INFERENCE_NUM_THREADS": int(os.environ.get("ORT_INTRA_OP_NUM_THREADS") or 0),
         }
         self._busy = Lock()  # one request at a time
-        self._compiled = openvino.Core().compile_model(model, "CPU", settings)
+        self._compiled = openvino_core().compile_model(model, "CPU", settings)
 
     @property
     def side_px(self) -> int:
