@@ -5,15 +5,12 @@ from contextlib import ExitStack
 from importlib.resources import as_file, files
 
 from shaftpose.commands import predict
+from shaftpose.commands.options import parser
 
 # A rendered test image and a rendered film (`make film`), each with two shafts.
 EXAMPLES = ("demo_frame.jpg", "demo_film.mp4")
-# Options of `shaftpose predict`, with the camera and the shafts of the examples.
-OPTIONS = {
-    "model": None, "score": None, "refine": "edges", "camera": None, "view_deg": 95.0,
-    "diameter_mm": 3.0, "track": True, "format": "jsonl", "draw": True,
-    "rerun": False, "workers": None,
-}  # fmt: skip
+# Their camera and shafts, and what to write.
+OPTIONS = ("--view-deg=95", "--diameter-mm=3", "--track", "--draw")
 
 
 def run(options: argparse.Namespace) -> None:
@@ -21,6 +18,6 @@ def run(options: argparse.Namespace) -> None:
     with ExitStack() as stack:
         folder = files("shaftpose.inference")
         paths = [str(stack.enter_context(as_file(folder / name))) for name in EXAMPLES]
-        predict.run(argparse.Namespace(**OPTIONS, sources=paths, out=options.out))
+        predict.run(parser().parse_args(["predict", *paths, *OPTIONS, f"--out={options.out}"]))
     print(f"poses, a picture and a film are in {options.out}")
     print("next: shaftpose predict YOUR_IMAGE_OR_VIDEO --out found --draw")

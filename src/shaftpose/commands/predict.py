@@ -1,4 +1,4 @@
-"""`shaftpose predict`: poses of the shafts in images, videos and streams (options: cli.py)."""
+"""`shaftpose predict`: poses of the shafts in images, videos and streams (options: options.py)."""
 
 import argparse
 import sys
