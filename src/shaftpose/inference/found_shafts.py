@@ -12,7 +12,9 @@ Array = NDArray[np.float64]
 
 AXIS_MM = 10.0
 _LEAST_DEPTH_MM = 1.0  # a point behind the camera has no image
-_EDGE_POINTS = 9  # of each side of a box, which a lens bends
+# Points on the sides of the unit square: a lens bends those of a box.
+_ALONG = [(along, end) for along in np.linspace(0, 1, 9) for end in (0, 1)]
+_AROUND = np.array(_ALONG + [(end, along) for along, end in _ALONG])
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,5 @@ def axis_px(pose: ShaftPose, model: Camera, view: View) -> Array:
 
 def box_px(box: Array, view: View, width: int, height: int) -> Array:
     """The extent (4,) in a frame of a box (4,) of the model's image, clipped to the frame."""
-    x0, y0, x1, y1 = box
-    x, y = np.linspace(x0, x1, _EDGE_POINTS), np.linspace(y0, y1, _EDGE_POINTS)
-    sides = [
-        np.stack(np.broadcast_arrays(*s), axis=1) for s in ((x, y0), (x, y1), (x0, y), (x1, y))
-    ]
-    outline = np.clip(view.image_px(np.concatenate(sides)), 0, [width, height])
+    outline = np.clip(view.image_px(box[:2] + _AROUND * (box[2:] - box[:2])), 0, [width, height])
     return np.concatenate([outline.min(axis=0), outline.max(axis=0)])

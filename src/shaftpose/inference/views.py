@@ -112,8 +112,9 @@ class _Resampling:
 
     def __call__(self, rgb: Image) -> Image:
         """The target camera's image of a frame (H, W, 3)."""
-        small = cv2.resize(rgb, self._frame, interpolation=cv2.INTER_AREA)
-        dense = cv2.remap(small, *self._places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        if rgb.shape[1::-1] != self._frame:
+            rgb = np.asarray(cv2.resize(rgb, self._frame, interpolation=cv2.INTER_AREA), np.uint8)
+        dense = cv2.remap(rgb, *self._places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         dense[self._outside] = 0
         return np.asarray(cv2.resize(dense, self._size, interpolation=cv2.INTER_AREA), np.uint8)
 
