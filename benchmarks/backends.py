@@ -53,10 +53,12 @@ def main() -> None:
         for network, those in networks.items():
             for name, seconds in times(those, cycle(images), ROUNDS, PER_ROUND).items():
                 fps = round(1 / statistics.median(seconds), 1)
-                rows.append({"network": network, "run by": name, "fps_median": fps})
+                p95 = round(1000 * float(np.percentile(seconds, 95)), 1)
+                rows.append({"network": network, "run by": name, "fps_median": fps, "ms_p95": p95})
                 print(rows[-1])
     packages = {name: version(name) for name in ("torch", "onnxruntime", "openvino")}
-    write_json(OUT, {"machine": machine(), **packages, "backends": rows})
+    result = {"machine": machine(), **packages, "frames": ROUNDS * PER_ROUND, "backends": rows}
+    write_json(OUT, result)
     print(f"written to {OUT}")
 
 

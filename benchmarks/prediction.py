@@ -5,13 +5,15 @@ suppression and the fit of poses included, and writes them to `benchmarks/result
 """
 
 import statistics
-import time
 from collections.abc import Mapping
+from functools import partial
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 import onnxruntime
 
+from benchmarks.inference import times
 from benchmarks.machine import machine
 from shaftpose.core.images import Image
 from shaftpose.core.shards import ShardedDataset
@@ -23,8 +25,6 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"
 BATCHES = (1, 4, 16)
 ROUNDS = 20
-# The threads of a model keep spinning for a while, on cores that the next model needs.
-PAUSE_S = 0.1
 
 
 def main() -> None:
@@ -51,16 +51,17 @@ def inputs() -> tuple[dict[str, Predictor], Image]:
 def measure(predictors: Mapping[str, Predictor], images: Image) -> dict[tuple[str, int], float]:
     """Median images/s by variant and batch size; each round runs every model at every batch size
     once."""
-    seconds: dict[tuple[str, int], list[float]] = {}
-    for _ in range(ROUNDS + 1):
-        for name, predictor in predictors.items():
-            time.sleep(PAUSE_S)
-            for batch in BATCHES:
-                start = time.perf_counter()
-                predictor(images[:batch])
-                seconds.setdefault((name, batch), []).append(time.perf_counter() - start)
-    # The first round warms up.
-    return {key: key[1] / statistics.median(taken[1:]) for key, taken in seconds.items()}
+    runs = {
+        (name, batch): partial(_run, predictor, batch)
+        for name, predictor in predictors.items()
+        for batch in BATCHES
+    }
+    seconds = times(runs, repeat(images), ROUNDS, per_round=1)
+    return {key: key[1] / statistics.median(taken) for key, taken in seconds.items()}
+
+
+def _run(predictor: Predictor, batch: int, images: Image) -> object:
+    return predictor(images[:batch])
 
 
 def write(speeds: dict[tuple[str, int], float]) -> None:

@@ -18,6 +18,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from shaftpose.core.markdown import pipe_table
 from shaftpose.core.scaling import block_counts
+from shaftpose.errors import exit_on_input_error
 from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.network.building import NetworkSettings, build_network
 from shaftpose.network.default_boxes import BOXES_PER_CELL
@@ -44,7 +45,8 @@ ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm
 
 def main() -> None:
     """Write the tables between the markers of the page."""
-    rewrite(PAGE, page)
+    with exit_on_input_error():
+        rewrite(PAGE, page)
 
 
 def page(text: str) -> str:

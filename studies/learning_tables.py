@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from shaftpose.core.markdown import pipe_table
+from shaftpose.errors import exit_on_input_error
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
@@ -17,8 +18,9 @@ PAGES = {
 
 def main() -> None:
     """Write the tables between the markers of the pages."""
-    for name in PAGES:
-        rewrite(ROOT / name, partial(page, name=name))
+    with exit_on_input_error():
+        for name in PAGES:
+            rewrite(ROOT / name, partial(page, name=name))
 
 
 def page(text: str, name: str) -> str:

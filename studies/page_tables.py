@@ -3,13 +3,12 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.errors import InputError
 
 
 def rewrite(path: Path, change: Callable[[str], str]) -> None:
-    """Apply `change` to a page. An InputError ends the command with one line and status 1."""
-    with exit_on_input_error():
-        path.write_text(change(path.read_text()))
+    """Apply `change` to a page."""
+    path.write_text(change(path.read_text()))
 
 
 def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -> str:

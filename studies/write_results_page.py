@@ -5,7 +5,7 @@ from the variants' files.
 """
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,10 @@ PAGE, README = ROOT / "docs/results.md", ROOT / "README.md"
 def main() -> None:
     """Write the page and its pictures, and README's table."""
     with exit_on_input_error():
-        PAGE.write_text(page(ROOT))
+        trainings = records(ROOT)
+        PAGE.write_text(page(ROOT, trainings))
         README.write_text(readme(ROOT))
-        draw(repeated_figures(records(ROOT)), PAGE.parent)
+        draw(repeated_figures(trainings), PAGE.parent)
     print(f"written to {PAGE.relative_to(ROOT)} and {README.name}")
 
 
@@ -48,12 +49,12 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
             path.unlink()
 
 
-def page(root: Path) -> str:
-    """The page for the results below `root`."""
+def page(root: Path, trainings: Sequence[TrainingRecord]) -> str:
+    """The page for single trainings and the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
     has_real = (root / "reports/real/ablation.json").is_file()
     real = report_of(root, "reports/real") if has_real else None
-    return to_page(report_of(root), records(root), rounding_table(), sweeps(root), benchmarks, real)
+    return to_page(report_of(root), trainings, rounding_table(), sweeps(root), benchmarks, real)
 
 
 def readme(root: Path) -> str:

@@ -123,7 +123,7 @@ def test_show_names_the_extra_that_it_lacks(tmp_path: Path) -> None:
     result = run_without(HEAVY, "show", "dataset", str(tmp_path), "--out", out)
     assert result.returncode == 1
     assert re.fullmatch(
-        r"error: .*not installed; run: pip install 'shaftpose\[train\]'\n", result.stderr
+        r"error: .*not installed; in a clone, run pip install '\.\[train\]'\n", result.stderr
     )
 
 
@@ -131,7 +131,7 @@ def test_workers_need_the_extra_cluster_alone(tmp_path: Path) -> None:
     arguments = ("predict", str(FRAMES), "--workers", "1", "--out", str(tmp_path / "found"))
     result = run_without(HEAVY, *arguments)
     assert result.returncode == 1
-    assert result.stderr == "error: --workers: needs Dask: pip install 'shaftpose[cluster]'\n"
+    assert result.stderr == "error: --workers: needs Dask: in a clone, pip install '.[cluster]'\n"
     dask = {"dask", "distributed", "jinja2", "psutil", "yaml"}  # and what it needs itself
     result = run_without([name for name in HEAVY if name not in dask], *arguments)
     assert result.returncode == 0, result.stderr
@@ -143,14 +143,14 @@ def test_recordings_need_the_extra_rerun(tmp_path: Path) -> None:
     arguments = ("predict", str(FRAMES), "--rerun", "--out", str(tmp_path / "found"))
     result = run_without(HEAVY, *arguments)
     assert result.returncode == 1
-    assert "error: --rerun: needs Rerun: pip install 'shaftpose[rerun]'\n" in result.stderr
+    assert "error: --rerun: needs Rerun: in a clone, pip install '.[rerun]'\n" in result.stderr
 
 
 def test_the_backend_openvino_needs_its_extra(tmp_path: Path) -> None:
     arguments = ("predict", str(FRAMES), "--backend", "openvino", "--out", str(tmp_path / "found"))
     result = run_without(HEAVY, *arguments)
     assert result.returncode == 1
-    message = "error: --backend openvino: needs OpenVINO: pip install 'shaftpose[openvino]'\n"
+    message = "error: --backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]'\n"
     assert message in result.stderr
 
 

@@ -57,7 +57,7 @@ def test_threads_may_share_openvino(images: NDArray[np.uint8]) -> None:
 def test_a_file_that_is_no_model_is_named(backend: str, tmp_path: Path) -> None:
     path = tmp_path / "model.onnx"
     path.write_text("no model")
-    with pytest.raises(InputError, match=f"^{path}: not a readable ONNX model; export it again"):
+    with pytest.raises(InputError, match=f"^{path}: not a readable ONNX model; export it again: "):
         open_network(path, backend)  # type: ignore[arg-type]
 
 

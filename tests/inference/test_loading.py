@@ -74,7 +74,10 @@ def test_a_model_of_a_distorting_lens_takes_no_other_camera(
     option: dict[str, Any], constant_model: Path
 ) -> None:
     store_facts(constant_model, ModelFacts(confidence=0.5, distorted=True))
-    load(constant_model)
+    warnings: list[str] = []
+    load(constant_model, warn=warnings.append)
+    assert "which none of the options can state" in warnings[0]
+    assert "--camera" not in warnings[0]
     with pytest.raises(InputError, match=r"constant\.onnx: was trained with lens distortion"):
         load(constant_model, **option)
 

@@ -15,7 +15,7 @@ from shaftpose.inference.found_shafts import FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.unwritable import UnwritableError
 
-REASON = "rerun-sdk is not installed: pip install 'shaftpose[rerun]'"
+REASON = "rerun-sdk is not installed: in a clone, pip install '.[rerun]'"
 pytest.importorskip("rerun", reason=REASON)
 
 DEMO = Path(__file__).parents[2] / "src/shaftpose/inference/demo_frame.jpg"

@@ -76,7 +76,7 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         from shaftpose.farm.ordered_tasks import in_order
         from shaftpose.farm.workers import client_of
     except ImportError as error:
-        raise InputError("--workers: needs Dask: pip install 'shaftpose[cluster]'") from error
+        raise InputError("--workers: needs Dask: in a clone, pip install '.[cluster]'") from error
     named, style = named_sources(options.sources), format_of_run(options.format)
     with model_file(options.model) as model:
         chosen = _absolute(_finder_options(options), model)
@@ -100,7 +100,7 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
     try:
         from shaftpose.inference.rerun_file import rerun_file
     except ImportError as error:
-        raise InputError("--rerun: needs Rerun: pip install 'shaftpose[rerun]'") from error
+        raise InputError("--rerun: needs Rerun: in a clone, pip install '.[rerun]'") from error
     return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
 
 

@@ -60,5 +60,5 @@ def _needing(extra: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         raise InputError(
             f"this needs {error.name}, which is not installed; "
-            f"run: pip install 'shaftpose[{extra}]'"
+            f"in a clone, run pip install '.[{extra}]'"
         ) from error

@@ -38,10 +38,11 @@ def open_network(path: Path, backend: Backend) -> Network:
         return _InOpenVino(path) if backend == "openvino" else _InOnnxruntime(path)
     except ImportError as error:
         raise InputError(
-            "--backend openvino: needs OpenVINO: pip install 'shaftpose[openvino]'"
+            "--backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]'"
         ) from error
     except Exception as error:  # the backends' own exceptions have no common base
-        raise InputError(f"{path}: not a readable ONNX model; export it again") from error
+        cause = " ".join(str(error).split())
+        raise InputError(f"{path}: not a readable ONNX model; export it again: {cause}") from error
 
 
 class _InOnnxruntime:

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
 from pathlib import Path
 from threading import Lock
@@ -152,12 +152,20 @@ def _software(backend: Backend) -> str:
     """Hexadecimal digest of the software that determines the results."""
     digest = hashlib.sha256()
     if backend == "openvino":
-        digest.update(f"openvino {import_module('openvino').__version__}".encode())
+        digest.update(f"openvino {_installed('openvino')}".encode())
     for package in (onnxruntime, cv2, np):
         digest.update(f"{package.__name__} {package.__version__}".encode())
     for path in source_files([__name__]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def _installed(package: str) -> str:
+    """Its version, or none, as on a worker that lacks it."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
 
 
 @lru_cache(maxsize=1)

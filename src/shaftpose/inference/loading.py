@@ -89,7 +89,12 @@ def _check_choice(option: str, value: str, choices: Sequence[str]) -> None:
 def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool) -> list[str]:
     """What the user has to state before millimetres are right, as sentences."""
     facts, unknown = predictor.facts, []
-    if camera_unknown:
+    if facts.distorted:
+        unknown.append(
+            "The model was trained with lens distortion: its poses hold for that lens alone, "
+            "which none of the options can state."
+        )
+    elif camera_unknown:
         unknown.append(
             f"The model was trained for a camera of {facts.view_deg:g} deg: state yours "
             "(--camera or --view-deg)."

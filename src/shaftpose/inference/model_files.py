@@ -23,7 +23,9 @@ def model_file(name: str | None) -> Iterator[Path]:
         try:
             from shaftpose import tracking
         except ImportError as error:
-            raise InputError(f"{name}: needs MLflow: pip install 'shaftpose[pipeline]'") from error
+            raise InputError(
+                f"{name}: needs MLflow: in a clone, pip install '.[pipeline]'"
+            ) from error
         with tracking.registered_model(name.removeprefix(REGISTRY)) as path:
             yield path
     else:
