@@ -24,6 +24,7 @@ from shaftpose.evaluation.silhouette_iou import (
 from shaftpose.handovers import FITTED
 
 DRAWN_IMAGES = 4  # of each set
+QUALITY = 85  # of both pictures as JPEG: they are for people
 WORST, WORST_COLUMNS = 10, 5  # images of each set with the least IoU
 
 # Poses (N, 5) and a camera -> masks (N, H, W).
@@ -56,8 +57,8 @@ def compare_silhouettes(
         first += [_drawn(images[n], silhouettes[n], name) for n in shown]
         worst += _worst(images, silhouettes, overlaps, name)
     pictures = {name: folder / f"{name}.jpg" for name in ("silhouettes", "worst_silhouettes")}
-    write_jpeg(contact_sheet(first, DRAWN_IMAGES), pictures["silhouettes"])
-    write_jpeg(contact_sheet(worst, WORST_COLUMNS), pictures["worst_silhouettes"], quality=88)
+    write_jpeg(contact_sheet(first, DRAWN_IMAGES), pictures["silhouettes"], QUALITY)
+    write_jpeg(contact_sheet(worst, WORST_COLUMNS), pictures["worst_silhouettes"], QUALITY)
     return scores, pictures
 
 
