@@ -371,7 +371,7 @@ def test_check_takes_another_model(
     calibration.write_text(PINHOLE)  # of 90 deg
     main(["check", "--camera", str(calibration), "--model", "laparoscopy"])
     printed = capsys.readouterr().out
-    assert re.search(r"^model: laparoscopy, \d+ images per second$", printed, re.MULTILINE)
+    assert re.search(r"^model: laparoscopy, \d+ images of 299 px per second$", printed, re.MULTILINE)
     assert "camera: fills 100% of the view of laparoscopy, 65 deg; to train" in printed
     model.write_bytes(b"no model")
     with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):

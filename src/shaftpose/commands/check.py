@@ -76,7 +76,8 @@ def model(name: str) -> str:
     # A frame that shows shafts: to fit their poses takes time, too.
     with as_file(files("shaftpose.inference") / "demo_frame.jpg") as frame:
         image = centre_square(read_rgb(frame), predictor.side_px)
-    return f"{name}, {predictor.frames_per_second(image, _SPEED_RUNS):.0f} images per second"
+    speed = predictor.frames_per_second(image, _SPEED_RUNS)
+    return f"{name}, {speed:.0f} images of {predictor.side_px} px per second"
 
 
 def camera(path: Path, name: str) -> str:
