@@ -13,6 +13,7 @@ RECORDS = ROOT / "reports/learning"
 PAGES = {
     "docs/learning.md": ("first_round", "second_round", "dense"),
     "docs/beyond.md": ("held", "edges", "offsets", "only_mask", "fit"),
+    "docs/real_images.md": ("real",),
 }
 
 
