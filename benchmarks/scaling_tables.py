@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
 from shaftpose.core.markdown import pipe_table
+from shaftpose.errors import exit_on_input_error
 from shaftpose.handovers import read_handover
 from shaftpose.settings.parts import Positive, PositiveInt
 from studies.page_tables import rewrite, with_tables
@@ -94,7 +95,8 @@ class Measured:
 
 def main() -> None:
     """Write the tables between their markers in docs/scaling.md."""
-    rewrite(PAGE, lambda text: page(text, read_measured()))
+    with exit_on_input_error():
+        rewrite(PAGE, lambda text: page(text, read_measured()))
 
 
 def read_measured() -> Measured:
