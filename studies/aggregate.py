@@ -133,7 +133,8 @@ def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:
 def repeated(rows: Sequence[VariantRow]) -> VariantRow:
     """Trainings of one variant with different seeds, as one row.
 
-    It has the mean of each metric, or None if a training lacks it, and half the range as `spread`.
+    It has the mean of each metric, or None if a training lacks it, and half the range as `spread`,
+    and nothing that belongs to a single training.
     A single training is unchanged.
     """
     if len(rows) == 1:
@@ -147,4 +148,5 @@ def repeated(rows: Sequence[VariantRow]) -> VariantRow:
         if complete:
             spread[name] = float(np.ptp(values)) / 2
     seeds = tuple(seed for row in rows for seed in row.seeds)
-    return replace(rows[0], metrics=metrics, spread=spread, seeds=seeds)
+    of_one: dict[str, Any] = {"summary": None, "depths": (), "training_id": "", "origin": None}
+    return replace(rows[0], metrics=metrics, spread=spread, seeds=seeds, **of_one)

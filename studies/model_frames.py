@@ -51,7 +51,7 @@ def complaints(predictor: Predictor, folder: Path) -> list[str]:
     return [
         f"{name} is {error:.3f}, above {bounds[name]}"
         for name, error in errors.means().items()
-        if error is not None and not error <= bounds[name]
+        if error is not None and bounds[name] is not None and not error <= bounds[name]
     ]
 
 

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import tarfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -376,6 +377,27 @@ def test_annotations_that_are_json_and_yet_wrong_are_named(
     overwrite(path, member(path, f"000000000.{name}").offset_data + found, new)
     with pytest.raises(InputError, match="annotation of 000000000 is damaged") as caught:
         ShardedDataset(tmp_path).annotations("000000000")
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "read"),
+    [
+        ("mask_visib.json", b'"size"', b'"sizf"', ShardedDataset.masks),
+        ("mask_visib.json", b'"0"', b'"1"', ShardedDataset.masks),
+        ("gt_info.json", b"visib_fract", b"visib_frict", ShardedDataset.visible_fractions),
+    ],
+)
+def test_masks_and_shares_that_are_json_and_yet_wrong_are_named(
+    tmp_path: Path, name: str, old: bytes, new: bytes, read: Callable[[ShardedDataset, str], object]
+) -> None:
+    path = tmp_path / shard_name(0)
+    write_shard(path, [make_sample(0)])
+    found = read_member(path, f"000000000.{name}").find(old)
+    assert found >= 0
+    overwrite(path, member(path, f"000000000.{name}").offset_data + found, new)
+    with pytest.raises(InputError, match="of 000000000 is damaged") as caught:
+        read(ShardedDataset(tmp_path), "000000000")
     assert str(caught.value).startswith(f"{path}: ")
 
 

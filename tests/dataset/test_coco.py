@@ -346,6 +346,7 @@ def test_crowds_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptu
     path = write_dataset(tmp_path, content)
     image = read_coco(path)[1]
     assert [shaft.box for shaft in image.instruments] == [(0, 0, 60, 40)]
+    assert [crowd.box for crowd in image.crowds] == [(10, 5, 30, 35)]
     assert f"{path}: left out 1 annotations with iscrowd 1" in caplog.text
 
 

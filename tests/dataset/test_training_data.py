@@ -242,6 +242,18 @@ def test_a_shaft_that_was_left_out_is_unknown_and_no_background(tmp_path: Path) 
     assert np.isnan(known.tips_px).all()
 
 
+def test_what_the_box_of_a_crowd_shows_is_unknown(tmp_path: Path) -> None:
+    real = replace(real_images(tmp_path), with_instances=True)
+    shown = real.images[0].instruments[0]
+    crowd = replace(shown, box=(10.0, 4.0, 30.0, 12.0), mask=None)
+    image = replace(real.images[0], instruments=(), crowds=(crowd,))
+    known = replace(real, images=[image])[0][1]
+    expected = np.zeros((SIZE, SIZE), dtype=np.uint8)
+    expected[4:12, 2:22] = UNKNOWN  # the square starts at column 8
+    assert known.instances is not None and len(known.boxes) == 0
+    np.testing.assert_array_equal(known.instances, expected)
+
+
 def test_masks_of_real_images_are_known_only_if_every_shaft_has_one(tmp_path: Path) -> None:
     boxed = replace(real_images(tmp_path), with_instances=True)
     assert boxed[0][1].instances is not None

@@ -1,11 +1,12 @@
 """Videos as sources of frames."""
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from shaftpose.errors import InputError
-from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.video_files import VideoFile, frame_rate
 from tests.inference.videos import write_video
 
 
@@ -17,6 +18,15 @@ def test_all_frames_come_in_their_order(tmp_path: Path) -> None:
     assert [frame.rgb.mean() for frame in frames] == pytest.approx([40, 120, 200], abs=2)
     assert {(frame.source, frame.fps) for frame in frames} == {(str(video.path), 10.0)}
     assert frames[0].rgb.shape == (48, 64, 3)
+
+
+@pytest.mark.parametrize(
+    ("stated", "used"),
+    [(0.0, 25), (float("nan"), 25), (29.97, 29.97), (1000.0, 25), (90_000.0, 25)],
+)
+def test_ticks_are_no_frames_a_second(stated: float, used: float) -> None:
+    capture = Mock(get=Mock(return_value=stated))
+    assert frame_rate(capture) == used
 
 
 def test_a_video_that_ends_early_keeps_its_frames(tmp_path: Path) -> None:

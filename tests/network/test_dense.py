@@ -109,6 +109,14 @@ def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     assert truth.values.isfinite().all()
 
 
+def test_an_image_of_a_left_out_shaft_alone_has_no_heat() -> None:
+    targets = targets_of(POSES)
+    instances = torch.zeros(2, SIDE, SIDE, dtype=torch.uint8)
+    instances[1, 0, 0] = UNKNOWN  # no cell's centre
+    empty = targets._replace(valid=torch.zeros_like(targets.valid), instances=instances)
+    assert dense_targets(empty, CELLS, PINHOLE).has_heat.tolist() == [True, False]
+
+
 def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
     targets = targets_of(POSES)
     found = decode(*perfect_outputs(targets), PINHOLE, LIMITS)

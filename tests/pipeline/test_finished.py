@@ -49,6 +49,17 @@ def test_a_finished_training_is_not_repeated(
         assert run_stage(settings) == first
 
 
+def test_a_training_that_another_process_finishes_meanwhile_is_not_repeated(
+    settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = run_stage(settings)
+    answers = iter([False, True])  # before and after the wait for the lock
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "is_finished", lambda folder: next(answers))
+        patch.setattr(run, "fit", None)
+        assert run_stage(settings) == first
+
+
 def test_other_loss_weights_train_anew(settings: Settings, tmp_path: Path) -> None:
     first = run_stage(settings)
     changed = replace(settings, loss=replace(settings.loss, alpha=0.25))

@@ -32,7 +32,9 @@ def row(seed: int, variant: str = "d", steps: int = 3000, **metrics: float | Non
 
 def test_mean_and_half_range_by_hand():
     three = [row(7, mAP=0.5, x_mm=1.0), row(8, mAP=0.6, x_mm=None), row(9, mAP=0.85, x_mm=3.0)]
+    three[0] = replace(three[0], depths=(ErrorBin(10.0, 15.0, 3, 1.0, 2.0),), training_id="first")
     whole = repeated(three)
+    assert (whole.depths, whole.training_id) == ((), "")  # those of one of them
     assert whole.metrics == {"mAP": pytest.approx(0.65), "x_mm": None}
     assert whole.spread == {"mAP": pytest.approx(0.175)}
     assert whole.seeds == (7, 8, 9)

@@ -12,9 +12,8 @@ from studies import write_results_page as results_page
 ROOT = Path(__file__).parents[2]
 
 SOURCES = (
-    "reports/ablation.json", "reports/trainings", "reports/sweeps", "reports/bundled",
-    "benchmarks/results",
-    "params.yaml", "conf/variant",
+    "reports/ablation.json", "reports/real", "reports/trainings", "reports/sweeps",
+    "reports/bundled", "benchmarks/results", "params.yaml", "conf/variant",
 )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from shaftpose.core.geometry import Array, ShaftPose
-from shaftpose.core.images import Image, decode_rgb
+from shaftpose.core.images import decode_rgb
 from shaftpose.core.shards import decode_mask
 from shaftpose.errors import InputError
 from shaftpose.settings.parts import Count
@@ -133,13 +133,12 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
 
 @dataclass(frozen=True)
 class AnnotatedImage:
-    """One image (H, W, 3) and its annotations, with one entry for each shaft in each list.
+    """One image and its annotations, with one entry for each shaft in each list.
 
     masks: (H, W) each, the visible pixels; amodal_masks: (H, W) each, hidden ones too.
     """
 
     jpeg: bytes
-    rgb: Image
     camera: CameraFacts
     model_poses: list[ModelPose]
     extents: list[Extent]
@@ -155,7 +154,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     decoded, has the wrong type or size, or disagrees about the number of shafts.
     """
     jpeg = _member(members, "rgb.jpg")
-    rgb = _decode(jpeg, size_px)
+    _check_image(jpeg, size_px)
     parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
     facts: SceneFacts = parts["shaft.json"]
     for suffix in ("gt.json", "gt_info.json", "mask.json", "mask_visib.json"):
@@ -164,7 +163,6 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     _agree(len(facts.rolls), len(facts.shafts), "shaft.json: rolls_deg")
     return AnnotatedImage(
         jpeg=jpeg,
-        rgb=rgb,
         camera=parts["camera.json"],
         model_poses=parts["gt.json"],
         extents=parts["gt_info.json"],
@@ -180,14 +178,13 @@ def _member(members: Mapping[str, bytes], suffix: str) -> bytes:
     return members[suffix]
 
 
-def _decode(jpeg: bytes, size_px: int) -> Image:
+def _check_image(jpeg: bytes, size_px: int) -> None:
     rgb = decode_rgb(jpeg)
     if rgb is None:
         raise InputError(f"rgb.jpg: {len(jpeg)} bytes that are not a complete JPEG image")
     height, width = rgb.shape[:2]
     if (width, height) != (size_px, size_px):
         raise InputError(f"rgb.jpg: {width} x {height} px, not {size_px} x {size_px}")
-    return rgb
 
 
 def _parse(data: bytes, suffix: str) -> Any:

@@ -298,11 +298,18 @@ class ShardedDataset:
     def masks(self, key: str) -> list[NDArray[np.bool_]]:
         """The visible mask (H, W) of each instrument of one image."""
         encoded = self._json(key, "mask_visib.json")
-        return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
+        try:
+            return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(key, "mask_visib.json", "mask") from error
 
     def visible_fractions(self, key: str) -> list[float]:
         """The visible share of each instrument of one image."""
-        return [float(info["visib_fract"]) for info in self._json(key, "gt_info.json")]
+        infos = self._json(key, "gt_info.json")
+        try:
+            return [float(info["visib_fract"]) for info in infos]
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(key, "gt_info.json", "visible share") from error
 
     def facts(self, key: str) -> dict[str, Any]:
         """The content of shaft.json."""

@@ -4,7 +4,7 @@ import json
 import logging
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any
 
@@ -50,19 +50,20 @@ class RealInstrument:
 
 @dataclass(frozen=True)
 class RealImage:
-    """One image file and its instruments."""
+    """One image file and its instruments; crowds: boxes, without masks, of several in one."""
 
     path: Path
     width: int
     height: int
     instruments: tuple[RealInstrument, ...]
+    crowds: tuple[RealInstrument, ...] = ()
 
 
 @dataclass(frozen=True)
 class RealSample:
     """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S), axes
-    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels of dropped instruments,
-    None if there are none."""
+    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels of dropped instruments
+    and of the boxes of crowds, None if there are none."""
 
     rgb: NDArray[np.uint8]
     boxes: NDArray[np.float64]
@@ -102,7 +103,7 @@ def read_coco(path: Path) -> list[RealImage]:
     """The images of a COCO file, ordered by file name; see `_file_of` for where they are.
 
     Every annotation is a shaft, whatever its category, but for crowds (`iscrowd`: 1), which are
-    several shafts in one box: they are left out, and a warning counts them.
+    several shafts in one box, or masks of CVAT's brush; a warning counts them.
     Raises InputError naming the file and the entry for a missing or damaged annotation file, one
     without images, entries that lack a value or hold a wrong one, an image that is listed twice or
     not there, and a box that leaves its image by more than a pixel.
@@ -110,7 +111,7 @@ def read_coco(path: Path) -> list[RealImage]:
     content = _read_json(path)
     entries = _image_entries(content["images"], path)
     instruments: dict[int, list[RealInstrument]] = {number: [] for number in entries}
-    crowds = 0
+    crowds: dict[int, list[RealInstrument]] = {number: [] for number in entries}
     for n, values in enumerate(content["annotations"]):
         where = f"{path}: annotations[{n}]"
         annotation = parse(_Annotation, values, where)
@@ -119,20 +120,23 @@ def read_coco(path: Path) -> list[RealImage]:
                 f"{where}.image_id = {annotation.image_id}: no image has this id; "
                 "list the image or remove the annotation"
             )
+        entry, _ = entries[annotation.image_id]
         if annotation.iscrowd:
-            crowds += 1
+            boxed = replace(annotation, segmentation=())
+            crowds[entry.id].append(_instrument(boxed, entry, where))
         else:
-            entry, _ = entries[annotation.image_id]
             instruments[entry.id].append(_instrument(annotation, entry, where))
-    if crowds:
+    if count := sum(map(len, crowds.values())):
         log.warning(
             "%s: left out %d annotations with iscrowd 1, several shafts in one or masks of CVAT's "
             "brush; outline each shaft by a polygon, or set iscrowd to 0",
             path,
-            crowds,
+            count,
         )
     found = [
-        RealImage(file, entry.width, entry.height, tuple(instruments[number]))
+        RealImage(
+            file, entry.width, entry.height, tuple(instruments[number]), tuple(crowds[number])
+        )
         for number, (entry, file) in entries.items()
     ]
     return sorted(found, key=lambda image: image.path.name)
@@ -290,6 +294,8 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     rgb = read_pixels(image)
     boxes, masks, axes, occluded = [], [], [], False
     left_out = np.zeros((size_px, size_px), dtype=bool)
+    for crowd in image.crowds:
+        left_out |= _pixels(crowd, image, size_px)
     side, corner = _central_square(image)
     for instrument in image.instruments:
         part = _in_square(instrument, image, size_px)

@@ -25,7 +25,11 @@ class AnnotatedFiles:
         self._video: AnnotatedVideo | None = None
 
     def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
-        """Draw a frame. Raises UnwritableError naming the file."""
+        """Draw a frame.
+
+        Raises UnwritableError naming the picture if it cannot be written, or the video if it cannot
+        be created: OpenCV does not tell whether it could write more frames.
+        """
         drawn = draw_shafts(frame.rgb, shafts)
         if frame.fps is None:
             path = unused(self._folder, Path(frame.source).stem, "jpg")

@@ -15,7 +15,8 @@ def model_file(name: str | None) -> Iterator[Path]:
     """The ONNX file of a model, as long as the block lasts.
 
     name: of a bundled model; a path; `mlflow:/NAME@ALIAS` or `mlflow:/NAME/VERSION` of a model
-    registry; None for the default bundled model. Raises InputError if it cannot be had.
+    registry; None for the default bundled model. A path is not checked. Raises InputError if a
+    registry's model cannot be had.
     """
     if name is None or name in bundled_names():
         yield bundled_model(name or DEFAULT)

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from shaftpose.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
 
 _USUAL_FPS = 25.0  # where a file or a device does not tell
+# OpenCV may give the ticks of a container or a stream, 1,000 or 90,000 a second, for frames.
+_LEAST_FPS, _MOST_FPS = 1.0, 240.0
 # The length that a header states may be an estimate.
 _LEAST_SHARE = 0.9
 
@@ -56,6 +57,6 @@ def _stated_length(capture: cv2.VideoCapture) -> int | None:
 
 
 def frame_rate(capture: cv2.VideoCapture) -> float:
-    """Frames per second of a video or device, a usual value if it does not tell."""
+    """Frames per second of a video or device, a usual value if it tells none."""
     fps = float(capture.get(cv2.CAP_PROP_FPS))
-    return fps if np.isfinite(fps) and fps > 0 else _USUAL_FPS
+    return fps if _LEAST_FPS <= fps <= _MOST_FPS else _USUAL_FPS

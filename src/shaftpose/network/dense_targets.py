@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from shaftpose.core.batches import Targets
+from shaftpose.core.instruments import UNKNOWN
 from shaftpose.network.pinhole import Pinhole
 from shaftpose.network.pose_coding import wrap_yaw
 
@@ -43,7 +44,10 @@ def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> DenseTarget
     known = torch.cat(
         [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], -1
     )
-    shaft = _coarse(targets, cells) - 1
+    assert targets.instances is not None, "this network needs instance masks for training"
+    shaft = _coarse(targets.instances, cells) - 1
+    # A shaft that is left out may have its tip in an image without others.
+    has_unknown = (targets.instances == UNKNOWN).flatten(1).any(1)
     on_shaft = (shaft >= 0) & (shaft < rows.shape[1])  # else background or unknown
     chosen = torch.where(on_shaft, shaft, 0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
     values, counts = (part.gather(1, chosen).unflatten(1, (cells, cells)) for part in (rows, known))
@@ -51,18 +55,17 @@ def dense_targets(targets: Targets, cells: int, pinhole: Pinhole) -> DenseTarget
     values = torch.cat([way, values[..., 2:]], dim=-1)
     return DenseTargets(
         heat=heat.amax(1),
-        has_heat=(has_tip | ~targets.valid).all(1),
+        has_heat=(has_tip | ~targets.valid).all(1) & (targets.valid.any(1) | ~has_unknown),
         values=values.permute(0, 3, 1, 2),
         counts=(counts & on_shaft[..., None]).permute(0, 3, 1, 2),
     )
 
 
-def _coarse(targets: Targets, cells: int) -> Tensor:
+def _coarse(instances: Tensor, cells: int) -> Tensor:
     """The shaft at the centre of each cell, (B, cells, cells): 0 for none, else from 1."""
-    assert targets.instances is not None, "this network needs instance masks for training"
-    side = targets.instances.shape[-1]
-    at = ((torch.arange(cells, device=targets.instances.device) + 0.5) * side / cells).long()
-    return targets.instances[:, at][:, :, at].long()
+    side = instances.shape[-1]
+    at = ((torch.arange(cells, device=instances.device) + 0.5) * side / cells).long()
+    return instances[:, at][:, :, at].long()
 
 
 def encoded_depth(depth_mm: Tensor) -> Tensor:

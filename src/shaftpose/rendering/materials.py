@@ -16,7 +16,7 @@ _NORMAL_MAP_PX = 512
 _SHOWN_SLOPES = 0.5
 _SLOPE = 0.27  # root mean square of the normal map's slopes
 _MIRRORED_PX = 24
-_COATING_ROWS = 1000  # more than a coating's picture has, of which half a row is the first
+_COATING_ROWS = 1000  # of a coating of 200 mm; longer ones have more. Half a row is the first
 
 
 @dataclass

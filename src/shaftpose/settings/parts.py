@@ -72,7 +72,7 @@ def _one_turn(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
-PositiveRange = Annotated[Range, AfterValidator(_not_negative)]
+NotNegativeRange = Annotated[Range, AfterValidator(_not_negative)]
 SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
 KelvinRange = Annotated[tuple[float, float], AfterValidator(_colour_temperatures)]
 UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
@@ -196,10 +196,10 @@ class SceneSettings:
     instruments: InstrumentCounts
     lens_radius_mm: Annotated[float, Field(ge=0)]
     min_visible_px: PositiveInt
-    light_strength: PositiveRange
+    light_strength: Annotated[Range, AfterValidator(_above_zero)]
     light_kelvin: KelvinRange
     light_shape: Literal["twin", "ring"]
-    ambient: PositiveRange
+    ambient: NotNegativeRange
     steel_grey: UnitRange
     roughness: UnitRange
     scratches: UnitRange
@@ -235,11 +235,11 @@ class LensSettings:
     rendered image.
     """
 
-    blur_px: PositiveRange
-    motion_px: PositiveRange
+    blur_px: NotNegativeRange
+    motion_px: NotNegativeRange
     haze: UnitRange
     vignette: UnitRange
-    noise: PositiveRange
+    noise: NotNegativeRange
     jpeg_quality: QualityRange | None
     distortion: Distortion
     field_px: Positive | None
@@ -341,8 +341,8 @@ class BackgroundSettings:
 
     source: str | None
     hue_deg: Range
-    saturation: PositiveRange
-    brightness: PositiveRange
+    saturation: NotNegativeRange
+    brightness: NotNegativeRange
     held_out: Annotated[float, Field(gt=0, lt=1)]
 
 

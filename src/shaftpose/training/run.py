@@ -64,6 +64,9 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
         fit(trainer, module, data, folder)
         return
     with kept(folder) as training_id:
+        if is_finished(folder):  # by another process, before it gave the lock back
+            deliver(folder, out)
+            return
         (out / FACTS).unlink(missing_ok=True)  # from another training, whose files get overwritten
         size = recipe.size
         logger.info("training %s: %d steps of %d images", title, size.steps, size.batch_size)
