@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.core.geometry import Camera, ShaftPose, mask_box
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.masks import mask_box
 from shaftpose.core.shards import (
     Instrument,
     Sample,

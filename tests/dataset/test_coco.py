@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import mask_box
 from shaftpose.core.images import write_jpeg
+from shaftpose.core.masks import mask_box
 from shaftpose.dataset.coco import (
     RealImage,
     RealInstrument,

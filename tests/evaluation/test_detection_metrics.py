@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation.average_precision import average_precision, precision_recall
-from shaftpose.evaluation.boxes import best_instruments
+from shaftpose.evaluation.boxes import best_instruments, box_iou
 from shaftpose.evaluation.detected_rate import detected_rate
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]

@@ -9,8 +9,9 @@ from torch import Tensor
 
 from shaftpose.core.batches import Targets
 from shaftpose.core.contour import Shaft
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.instruments import UNKNOWN
+from shaftpose.core.masks import mask_box
 from shaftpose.network.dense_decoding import decode
 from shaftpose.network.dense_loss import border_weight, loss_terms
 from shaftpose.network.dense_network import DenseNetwork

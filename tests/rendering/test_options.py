@@ -14,8 +14,9 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, mask_box
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.images import read_rgb
+from shaftpose.core.masks import mask_box
 from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
 from shaftpose.settings.parts import CadSettings, Distortion, RenderSettings
 from tests.rendering.blender_process import run_python

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.core.geometry import Camera, crossed_share, cylinder_depth
+from shaftpose.core.geometry import Camera, cylinder_depth
+from shaftpose.core.masks import crossed_share
 from shaftpose.errors import InputError
 from shaftpose.rendering.scene import Film, Lens, Scene, SceneSampler, Steel
 from shaftpose.settings.parts import Distortion, Range, RenderSettings, SceneSettings

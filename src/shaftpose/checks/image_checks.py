@@ -21,14 +21,12 @@ from shaftpose.core.geometry import (
     Array,
     Camera,
     ShaftPose,
-    crossed_share,
     cylinder_depth,
-    is_crossed,
-    mask_box,
     pose_from_rotation,
     segment_distance,
 )
 from shaftpose.core.instruments import POSE_DIMENSIONS
+from shaftpose.core.masks import crossed_share, is_crossed, mask_box
 from shaftpose.core.shards import SHAFT_OBJECT_ID
 from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with

@@ -4,7 +4,6 @@ Camera frame (OpenCV): x right, y down, z forward, mm. A pixel's centre lies at 
 Shaft frame: origin at the centre of the distal tip, +z from the tip towards the handle.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -279,51 +278,6 @@ def _disc_hits(rays: Array, centre: Array, normal: Array, radius: float) -> Arra
         hits = float(centre @ normal) / (rays @ normal)
         distance = np.linalg.norm(hits[..., None] * rays - centre, axis=-1)
     return np.where(distance <= radius, hits, np.nan)
-
-
-def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """Bounding box x0, y0, x1, y1 of a mask (pixel edges: x1 and y1 are exclusive).
-
-    Raises ValueError if the mask is empty.
-    """
-    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    if not len(columns):
-        raise ValueError("an empty mask has no box")
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
-
-
-def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]]) -> float:
-    """The largest share of a mask in `others` that the mask `front` (H, W) covers; 0 if there
-    are no others."""
-    return max(
-        (int((front & other).sum()) / int(other.sum()) for other in others if other.any()),
-        default=0.0,
-    )
-
-
-def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
-    """Whether a shaft with this share hidden counts as crossed by `crossing_coverage`."""
-    low, high = coverage
-    return share > 0 and low <= share <= high
-
-
-def box_iou(a: Array, b: Array) -> Array:
-    """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
-
-    Box coordinates are pixel edges, so side lengths are plain differences; PASCAL VOC's
-    development kit adds 1 because its pixel indices are inclusive.
-    """
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    intersection = np.prod(np.clip(high - low, 0.0, None), axis=-1)
-    union = _box_area(a)[:, None] + _box_area(b)[None, :] - intersection
-    overlap: Array = intersection / np.where(union > 0, union, 1.0)
-    return overlap
-
-
-def _box_area(boxes: Array) -> Array:
-    area: Array = np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None), axis=-1)
-    return area
 
 
 def segment_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:

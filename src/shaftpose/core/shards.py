@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, mask_box
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import decode_rgb, encode_jpeg
 from shaftpose.core.instruments import Annotations
+from shaftpose.core.masks import mask_box
 from shaftpose.errors import InputError
 
 SHAFT_OBJECT_ID = 1

@@ -13,8 +13,8 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import AliasPath, ConfigDict, Field
 
-from shaftpose.core.geometry import mask_box
 from shaftpose.core.images import Image, centre_square, read_rgb
+from shaftpose.core.masks import mask_box
 from shaftpose.dataset import run_lengths
 from shaftpose.dataset.polygons import crossing
 from shaftpose.dataset.run_lengths import RunLengths

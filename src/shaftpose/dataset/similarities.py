@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import mask_box
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
+from shaftpose.core.masks import mask_box
 
 _ZOOMS = 0.8, 1.6
 _SHIFT = 0.25  # largest, relative to the side, of the point that comes to the middle

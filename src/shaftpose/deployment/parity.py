@@ -10,12 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Detections
 from shaftpose.core.outline_strips import COLUMNS, ROWS
 from shaftpose.core.padding import unpadded
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.deployment.refinement.learned_edges import LearnedEdges
+from shaftpose.evaluation.boxes import box_iou
 from shaftpose.network.detector import ShaftDetector
 
 # Far below relevant differences, far above float32 rounding.

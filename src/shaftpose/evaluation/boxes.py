@@ -1,15 +1,33 @@
-"""Matching of detected boxes to instruments."""
+"""Overlap of boxes, and matching of detected ones to instruments."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import box_iou
 from shaftpose.core.instruments import Detections
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 IOU_THRESHOLD = 0.5  # least overlap of a detection with its instrument
+
+
+def box_iou(a: Array, b: Array) -> Array:
+    """Intersection over union (N, M) of boxes (N, 4) and (M, 4); 0 where both are empty.
+
+    Box coordinates are pixel edges, so side lengths are plain differences; PASCAL VOC's
+    development kit adds 1 because its pixel indices are inclusive.
+    """
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    intersection = np.prod(np.clip(high - low, 0.0, None), axis=-1)
+    union = _box_area(a)[:, None] + _box_area(b)[None, :] - intersection
+    overlap: Array = intersection / np.where(union > 0, union, 1.0)
+    return overlap
+
+
+def _box_area(boxes: Array) -> Array:
+    area: Array = np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None), axis=-1)
+    return area
 
 
 def best_instruments(boxes: Array, instruments: Array) -> Indices:

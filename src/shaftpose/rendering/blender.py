@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, mask_box
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import read_rgb
+from shaftpose.core.masks import mask_box
 from shaftpose.rendering.coating_picture import coating_picture
 from shaftpose.rendering.cycles_passes import PassReader
 from shaftpose.rendering.device import use_device

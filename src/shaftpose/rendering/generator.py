@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import crossed_share, cylinder_depth, is_crossed
+from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.images import read_rgb
+from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.shards import Instrument, Sample, sample_key
 from shaftpose.errors import InputError
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places

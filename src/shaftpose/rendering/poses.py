@@ -10,14 +10,8 @@ from enum import Enum
 
 import numpy as np
 
-from shaftpose.core.geometry import (
-    Camera,
-    ShaftPose,
-    crossed_share,
-    cylinder_depth,
-    is_crossed,
-    segment_distance,
-)
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, segment_distance
+from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.errors import InputError
 from shaftpose.settings.parts import PoseRanges, SceneSettings, ShaftSettings
 

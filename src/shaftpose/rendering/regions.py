@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import mask_box
+from shaftpose.core.masks import mask_box
 
 Mask = NDArray[np.bool_]
 

@@ -3,8 +3,8 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.contour import Contour
-from shaftpose.core.geometry import mask_box
 from shaftpose.core.instruments import Detections
+from shaftpose.core.masks import mask_box
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
 from shaftpose.deployment.refinement.refiner import Refiner
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
