@@ -20,7 +20,7 @@ from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 from shaftpose.core.instruments import Detections
 from shaftpose.core.markdown import pipe_table
-from shaftpose.core.shards import Sample
+from shaftpose.core.samples import Sample
 from shaftpose.deployment.bundled import bundled_model
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.errors import InputError, exit_on_input_error

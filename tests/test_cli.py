@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from shaftpose.cli import main
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.deployment import bundled
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts

@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.rendering.common import ROOT, SCRATCH, in_processes, quiet_generator
 from benchmarks.rendering.scenes import write_first_scenes
-from shaftpose.core.shards import encode_sample
+from shaftpose.core.samples import encode_sample
 from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet
 

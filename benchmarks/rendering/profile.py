@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
-from shaftpose.core.shards import ShardWriter, shard_name
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.rendering.rendered_set import RenderedSet
 
 # The functions of each step; their time includes everything they call.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
-from shaftpose.core.shards import Sample
+from shaftpose.core.samples import Sample
 from shaftpose.rendering.rendered_set import RenderedSet
 
 _PROCESSES = 2

@@ -19,7 +19,9 @@ from benchmarks.rendering.quality import psnr_db
 from benchmarks.rendering.scenes import read_first_scenes
 from benchmarks.rendering.throughput import Block, summary
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.core.samples import sample_key
+from shaftpose.core.shard_writer import shard_name
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler

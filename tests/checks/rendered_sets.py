@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from shaftpose.checks.image_checks import Body
 from shaftpose.checks.set_checks import CheckedShard, ExpectedSet, check_shard
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.parts import RenderSettings
 

@@ -14,7 +14,7 @@ from shaftpose.checks.rendered_image import read_image
 from shaftpose.checks.set_checks import ExpectedSet, find_problems, read_members, refuse
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import encode_jpeg
-from shaftpose.core.shards import Sample
+from shaftpose.core.samples import Sample
 from shaftpose.errors import InputError
 from shaftpose.settings.parts import Distortion, LensSettings
 from tests.checks.rendered_sets import (

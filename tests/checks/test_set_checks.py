@@ -15,7 +15,7 @@ from shaftpose.checks.set_checks import (
     find_problems,
     refuse,
 )
-from shaftpose.core.shards import ShardWriter
+from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.errors import InputError
 from tests.checks.rendered_sets import (
     ABOVE,

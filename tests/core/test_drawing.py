@@ -21,14 +21,9 @@ from shaftpose.core.drawing import (
 )
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.core.shards import (
-    Instrument,
-    Sample,
-    ShardedDataset,
-    ShardWriter,
-    sample_key,
-    shard_name,
-)
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
+from shaftpose.core.shards import ShardedDataset
 
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
 BLACK = np.zeros((299, 299, 3), dtype=np.uint8)

@@ -16,7 +16,9 @@ from shaftpose.core.batches import Batch
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.instruments import UNKNOWN, Annotations
-from shaftpose.core.shards import Instrument, Sample, ShardedDataset, ShardWriter, sample_key
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import RealImage, RealInstrument
 from shaftpose.dataset.run_lengths import encode
 from shaftpose.dataset.skipped import SkippedImages

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from shaftpose.core.shards import shard_name
+from shaftpose.core.shard_writer import shard_name
 from shaftpose.farm.blender_process import IMAGE_DONE
 from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard

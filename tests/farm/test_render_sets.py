@@ -20,7 +20,8 @@ import psutil
 import pytest
 from distributed import Client
 
-from shaftpose.core.shards import ShardedDataset, sample_key
+from shaftpose.core.samples import sample_key
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.errors import InputError
 from shaftpose.farm import render_sets
 from shaftpose.farm import workers as dask_workers

@@ -46,7 +46,8 @@ def write(shard: Shard, images: int) -> str:
 import numpy as np
 from pathlib import Path
 from shaftpose.core.geometry import Camera
-from shaftpose.core.shards import Sample, ShardWriter, sample_key
+from shaftpose.core.samples import Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter
 with ShardWriter(Path({str(shard.path)!r}), 95) as writer:
     for index in range({shard.first}, {shard.first + images}):
         rgb = np.zeros((8, 8, 3), dtype=np.uint8)

@@ -7,7 +7,8 @@ import numpy as np
 
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
 
 SIDE = 299

@@ -13,7 +13,8 @@ from shaftpose.backgrounds.library import write_library
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.real_folder import copy_real
 from shaftpose.errors import InputError
 from tests.pipeline.conftest import Run

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from shaftpose.core.shards import shard_name
+from shaftpose.core.shard_writer import shard_name
 from shaftpose.errors import InputError
 from shaftpose.training import resume
 from shaftpose.training.data_identity import about_data

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.shards import Sample
+from shaftpose.core.samples import Sample
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.parts import RenderSettings
 

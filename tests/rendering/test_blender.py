@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.images import read_rgb
-from shaftpose.core.shards import Sample, encode_sample
+from shaftpose.core.samples import Sample, encode_sample
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.rendering.scene import Scene
 from shaftpose.settings.parts import RenderSettings
@@ -32,7 +32,7 @@ PASSES = {"Combined": "Image", "IndexOB": "IndexOB"}
 
 ONE_IMAGE_ALONE = """
 from shaftpose.rendering.generator import Generator
-from shaftpose.core.shards import encode_sample
+from shaftpose.core.samples import encode_sample
 sources = {Path(path): source for path, source in backgrounds}
 sample = Generator(settings, sources, seed).sample(index)
 Path("image.rgb").write_bytes(sample.rgb.tobytes())

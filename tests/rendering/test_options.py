@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import mask_box
-from shaftpose.core.shards import ShardedDataset, sample_key, shard_name
+from shaftpose.core.samples import sample_key
+from shaftpose.core.shard_writer import shard_name
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.settings.parts import CadSettings, Distortion, RenderSettings
 from tests.rendering.blender_process import run_python
 
@@ -28,7 +30,7 @@ Mask = NDArray[np.bool_]
 RENDER = """
 import numpy as np
 from shaftpose.rendering.generator import Generator
-from shaftpose.core.shards import ShardWriter
+from shaftpose.core.shard_writer import ShardWriter
 generator = Generator(settings, {Path(path): source for path, source in backgrounds}, seed)
 with ShardWriter(Path(shard), 95) as writer:
     for index in indices:
@@ -425,7 +427,7 @@ CROSS = """
 import numpy as np
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.generator import crossed_shares
-from shaftpose.core.shards import Instrument
+from shaftpose.core.samples import Instrument
 def instrument(visible, whole):
     masks = (np.isin(np.arange(9), pixels).reshape(3, 3) for pixels in (visible, whole))
     return Instrument(ShaftPose(0.0, 0.0, 20.0, 70.0, 0.0), *masks)

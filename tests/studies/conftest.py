@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.shards import Instrument, Sample, ShardWriter, sample_key, shard_name
+from shaftpose.core.samples import Instrument, Sample, sample_key
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.core.shards import ShardWriter, shard_name
+from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.deployment.bundled import bundled_model, checksum
 from shaftpose.deployment.model_facts import ModelFacts
 from shaftpose.deployment.onnx_export import store_facts

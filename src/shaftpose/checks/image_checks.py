@@ -27,7 +27,7 @@ from shaftpose.core.geometry import (
 )
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.masks import crossed_share, is_crossed, mask_box
-from shaftpose.core.shards import SHAFT_OBJECT_ID
+from shaftpose.core.samples import SHAFT_OBJECT_ID
 from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with
 from shaftpose.settings.parts import LensSettings, PoseRanges, RenderSettings, SceneSettings

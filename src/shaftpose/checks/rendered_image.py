@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import decode_rgb
-from shaftpose.core.shards import decode_mask
+from shaftpose.core.masks import decode_mask
 from shaftpose.errors import InputError
 from shaftpose.settings.parts import Count
 

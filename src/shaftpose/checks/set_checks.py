@@ -14,7 +14,8 @@ from tqdm import tqdm
 from shaftpose.checks.image_checks import Body, check_image
 from shaftpose.checks.image_facts import ImageFacts
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.core.shards import is_whole, render_anew, sample_key
+from shaftpose.core.samples import sample_key
+from shaftpose.core.shards import is_whole, render_anew
 from shaftpose.errors import InputError
 from shaftpose.settings.parts import RenderSettings
 

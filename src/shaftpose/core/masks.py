@@ -1,6 +1,7 @@
 """Masks of shafts: their boxes, and how far one hides another."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,3 +31,20 @@ def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
     """Whether a shaft with this share hidden counts as crossed by `crossing_coverage`."""
     low, high = coverage
     return share > 0 and low <= share <= high
+
+
+def encode_mask(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """COCO's uncompressed run lengths of an (H, W) mask, column by column, starting with zeros."""
+    flat = mask.ravel(order="F")
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    edges = np.concatenate([[0], changes, [flat.size]])
+    runs = np.diff(edges).tolist()
+    return {"counts": [0, *runs] if flat[0] else runs, "size": list(mask.shape)}
+
+
+def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Inverse of `encode_mask`: an (H, W) mask."""
+    counts = np.asarray(encoded["counts"], dtype=np.int64)
+    values = np.arange(len(counts)) % 2 == 1
+    height, width = encoded["size"]
+    return np.repeat(values, counts).reshape((width, height)).T

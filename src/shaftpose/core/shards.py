@@ -1,4 +1,4 @@
-"""Datasets on disk: tar shards in BOP's WebDataset form, written once and read by offset.
+"""Datasets on disk: tar shards in BOP's WebDataset form, read by offset.
 
 A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
 `.mask.json` and `.mask_visib.json` (run lengths) and our own `.shaft.json`; see
@@ -6,12 +6,9 @@ docs/data_format.md. The bytes of a shard depend on its samples alone: no time s
 names.
 """
 
-import io
 import json
-import os
-import socket
 import tarfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,202 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.images import decode_rgb, encode_jpeg
+from shaftpose.core.images import decode_rgb
 from shaftpose.core.instruments import Annotations
-from shaftpose.core.masks import mask_box
+from shaftpose.core.masks import decode_mask
+from shaftpose.core.samples import SUFFIXES, corners
 from shaftpose.errors import InputError
-
-SHAFT_OBJECT_ID = 1
-# The members of one sample.
-SUFFIXES = (
-    "rgb.jpg",
-    "camera.json",
-    "gt.json",
-    "gt_info.json",
-    "mask.json",
-    "mask_visib.json",
-    "shaft.json",
-)
-
-
-@dataclass(frozen=True)
-class Instrument:
-    """One shaft of one image: its visible mask and its amodal (visible and hidden) mask, (H, W)."""
-
-    pose: ShaftPose
-    mask: NDArray[np.bool_]
-    amodal_mask: NDArray[np.bool_]
-    roll_deg: float = 0.0  # about its axis, where it is visible
-
-    @property
-    def visible_fraction(self) -> float:
-        """The visible share of its pixels."""
-        return int(self.mask.sum()) / int(self.amodal_mask.sum())
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One image with its annotations; `rgb` is (H, W, 3) uint8."""
-
-    key: str
-    rgb: NDArray[np.uint8]
-    instruments: tuple[Instrument, ...]
-    camera: Camera
-    facts: Mapping[str, Any]  # background, light, seeds: the free part of shaft.json
-
-
-def sample_key(index: int) -> str:
-    """The key of image `index`: nine digits, so that keys sort numerically."""
-    return f"{index:09d}"
-
-
-def shard_name(index: int) -> str:
-    """The file name of shard `index`."""
-    return f"shard-{index:06d}.tar"
-
-
-def encode_mask(mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """COCO's uncompressed run lengths of an (H, W) mask, column by column, starting with zeros."""
-    flat = mask.ravel(order="F")
-    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    edges = np.concatenate([[0], changes, [flat.size]])
-    runs = np.diff(edges).tolist()
-    return {"counts": [0, *runs] if flat[0] else runs, "size": list(mask.shape)}
-
-
-def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
-    """Inverse of `encode_mask`: an (H, W) mask."""
-    counts = np.asarray(encoded["counts"], dtype=np.int64)
-    values = np.arange(len(counts)) % 2 == 1
-    height, width = encoded["size"]
-    return np.repeat(values, counts).reshape((width, height)).T
-
-
-class ShardWriter:
-    """Writes one shard under a temporary name; `with` renames it when it is complete.
-
-    A file under the final name is therefore always complete. The temporary name is unique to the
-    process; if two processes write the same shard, the last one wins. Temporary files left by dead
-    processes of this host are removed.
-    """
-
-    def __init__(self, path: Path, jpeg_quality: int) -> None:
-        self._path, self._quality = path, jpeg_quality
-        self._temporary = path.with_name(f"{_part_prefix(path)}{os.getpid()}.part")
-
-    def __enter__(self) -> "ShardWriter":
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_remains(self._path)
-        self._tar = tarfile.open(self._temporary, "w", format=tarfile.USTAR_FORMAT)
-        return self
-
-    def __exit__(self, kind: object, value: object, trace: object) -> None:
-        try:
-            self._tar.close()  # also writes, so it fails on a full disk
-            if kind is None:
-                _write_through(self._temporary)
-                self._temporary.replace(self._path)
-        finally:
-            self._temporary.unlink(missing_ok=True)
-
-    def write(self, sample: Sample) -> None:
-        """Append one sample."""
-        for suffix, data in encode_sample(sample, self._quality).items():
-            member = tarfile.TarInfo(f"{sample.key}.{suffix}")
-            member.size = len(data)
-            self._tar.addfile(member, io.BytesIO(data))
-
-
-def _write_through(path: Path) -> None:
-    """Flush a file to disk; otherwise a power loss may leave zeros under its final name."""
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
-
-
-def _part_prefix(path: Path) -> str:
-    """Prefix of a shard's temporary file names on this host; the process id follows."""
-    return f"{path.name}.{socket.gethostname()}."
-
-
-def _remove_remains(path: Path) -> None:
-    prefix = _part_prefix(path)
-    for part in path.parent.glob(f"{prefix}*.part"):
-        pid = part.name.removeprefix(prefix).removesuffix(".part")
-        if pid.isdecimal() and not _is_alive(int(pid)):
-            part.unlink(missing_ok=True)
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)  # signal 0 only checks
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # another user's process
-        return True
-    return True
-
-
-def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
-    """The members of one sample, suffix -> bytes."""
-    parts: dict[str, Any] = {
-        "camera.json": _bop_camera(sample.camera),
-        "gt.json": [_bop_pose(i) for i in sample.instruments],
-        "gt_info.json": [_bop_info(i) for i in sample.instruments],
-        "mask.json": _masks([i.amodal_mask for i in sample.instruments]),
-        "mask_visib.json": _masks([i.mask for i in sample.instruments]),
-        "shaft.json": {
-            "shafts": [vars(i.pose) for i in sample.instruments],
-            **sample.facts,
-        },
-    }
-    return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
-        name: json.dumps(part).encode() for name, part in parts.items()
-    }
-
-
-def _masks(masks: Sequence[NDArray[np.bool_]]) -> dict[str, Any]:
-    return {str(n): encode_mask(mask) for n, mask in enumerate(masks)}
-
-
-def _bop_camera(camera: Camera) -> dict[str, Any]:
-    """BOP's keys, plus `distortion` and `field_px` for cameras that are not plain pinholes."""
-    about: dict[str, Any] = {"cam_K": camera.matrix.ravel().tolist(), "depth_scale": 1.0}
-    if camera.k1 or camera.k2:
-        about["distortion"] = [camera.k1, camera.k2]
-    if camera.field_px is not None:
-        about["field_px"] = camera.field_px
-    return about
-
-
-def _bop_pose(instrument: Instrument) -> dict[str, Any]:
-    return {
-        "cam_R_m2c": instrument.pose.rolled(instrument.roll_deg).ravel().tolist(),
-        "cam_t_m2c": instrument.pose.tip_mm.tolist(),
-        "obj_id": SHAFT_OBJECT_ID,
-    }
-
-
-def _bop_info(instrument: Instrument) -> dict[str, Any]:
-    pixels = int(instrument.amodal_mask.sum())
-    return {
-        "bbox_obj": _corner_and_size(mask_box(instrument.amodal_mask)),
-        "bbox_visib": _corner_and_size(mask_box(instrument.mask)),
-        "px_count_all": pixels,
-        "px_count_valid": pixels,
-        "px_count_visib": int(instrument.mask.sum()),
-        "visib_fract": instrument.visible_fraction,
-    }
-
-
-def _corner_and_size(box: tuple[int, int, int, int]) -> list[int]:
-    """A box in BOP's form: x, y, width, height."""
-    x0, y0, x1, y1 = box
-    return [x0, y0, x1 - x0, y1 - y0]
-
-
-def _corners(box: Sequence[int]) -> tuple[int, int, int, int]:
-    x, y, width, height = box
-    return x, y, x + width, y + height
 
 
 @dataclass(frozen=True)
@@ -278,7 +84,7 @@ class ShardedDataset:
         facts, infos = self.facts(key), self._json(key, "gt_info.json")
         try:
             poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
-            boxes = [_corners(info["bbox_visib"]) for info in infos]
+            boxes = [corners(info["bbox_visib"]) for info in infos]
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(key, "gt_info.json", "annotation") from error
         return Annotations(

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-from shaftpose.core.shards import ShardWriter
+from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.errors import InputError
 from shaftpose.farm.set_folder import read_set
 from shaftpose.files import naming_full_disk

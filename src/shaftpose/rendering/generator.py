@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import crossed_share, is_crossed
-from shaftpose.core.shards import Instrument, Sample, sample_key
+from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.errors import InputError
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
