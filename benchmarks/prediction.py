@@ -44,6 +44,8 @@ def inputs() -> tuple[dict[str, Predictor], Image]:
     if not models:
         raise InputError("models/: no model.onnx in it; run `make repro`")
     shards = ShardedDataset(ROOT / "data/render/images")
+    if len(shards) < max(BATCHES):
+        raise InputError(f"{shards.folder}: holds {len(shards)} images; render {max(BATCHES)}")
     images = np.stack([shards.rgb(key) for key in shards.keys[: max(BATCHES)]])
     return {path.parent.name: Predictor(path) for path in models}, images
 

@@ -25,6 +25,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--frames", type=int, default=20_000, help="number of frames (20,000)")
     total = parser.parse_args().frames
+    if total <= SETTLED:
+        parser.error(f"--frames {total}: memory is compared with that after {SETTLED} frames")
     settled, last = resident_mib(total)
     growth = round(last / settled - 1, 4)
     found = {"frames": total, "settled": SETTLED, "mib": round(last), "rss_growth": growth}
@@ -38,9 +40,9 @@ def resident_mib(total: int) -> tuple[float, float]:
     measured = {}
     for number in tqdm(range(1, total + 1), "predicting", unit="frame"):
         find(next(images))
-        if number in (min(SETTLED, total), total):
+        if number in (SETTLED, total):
             measured[number] = process.memory_info().rss / 2**20
-    return measured[min(SETTLED, total)], measured[total]
+    return measured[SETTLED], measured[total]
 
 
 if __name__ == "__main__":

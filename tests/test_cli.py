@@ -260,6 +260,18 @@ def test_names_that_are_not_utf_8_are_written_as_they_are(
     assert b"caf\xe9.png,0,0.75" in (tmp_path / "predictions.csv").read_bytes()
 
 
+def test_names_on_standard_input_need_not_be_utf_8(
+    model: Path, frame: Path, tmp_path: Path
+) -> None:
+    frame.rename(tmp_path / "caf\udce9.png")
+    command = [sys.executable, "-c", "from shaftpose.cli import main; main()", "predict", "-"]
+    done = subprocess.run(
+        [*command, "--model", str(model), "--format", "csv"],
+        input=b"caf\xe9.png\n", cwd=tmp_path, capture_output=True, check=True,
+    )  # fmt: skip
+    assert b"caf\xe9.png,0,0.75" in done.stdout
+
+
 def test_unreadable_images_are_reported_and_the_rest_goes_on(
     model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,7 @@ def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
     ("name", "old", "new"),
     [
         ("gt_info.json", b"[3, 5, 17, 4]", b"[3, 5, 17   ]"),
+        ("shaft.json", b'}, {"x_mm"', b'}],"":[{""'),  # a pose less than boxes
         ("gt_info.json", b"bbox_visib", b"bbox_visit"),
         ("shaft.json", b"yaw_deg", b"yow_deg"),
     ],
@@ -204,6 +205,15 @@ def test_an_image_of_two_shards_is_named_with_both(tmp_path: Path) -> None:
         ShardedDataset(tmp_path)
     first, second = (tmp_path / shard_name(n) for n in range(2))
     assert str(caught.value).startswith(f"{second}: image {sample_key(1)} is also in {first}; ")
+
+
+def test_a_shard_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / shard_name(0)
+    path.mkdir()
+    with pytest.raises(InputError, match=rf"^{path}: cannot be read \(Is a directory\); delete"):
+        ShardedDataset(tmp_path)
+    assert not is_whole(path)
+    assert not holds(path, [sample_key(0)])
 
 
 def test_a_folder_without_shards_is_named(tmp_path: Path) -> None:

@@ -69,3 +69,11 @@ def test_openvino_reads_onnx_alone(tmp_path: Path) -> None:
     openvino_core().read_model(intermediate)
     with pytest.raises(InputError, match=f"^{intermediate}: not a readable ONNX model"):
         open_network(intermediate, "openvino")
+
+
+def test_a_limit_of_threads_that_is_no_number_is_named(
+    constant_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ORT_INTRA_OP_NUM_THREADS", "all")
+    with pytest.raises(InputError, match="^ORT_INTRA_OP_NUM_THREADS=all: not a number"):
+        open_network(constant_model, "openvino")

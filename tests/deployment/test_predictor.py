@@ -29,6 +29,18 @@ def test_outputs_that_are_not_finite_are_named_with_file_and_image(tmp_path: Pat
         Predictor(path)(np.zeros((3, 299, 299, 3), dtype=np.uint8))
 
 
+def test_a_mask_that_is_not_finite_is_named_with_file_and_image(masked_model: Path) -> None:
+    spoilt = soft_mask(POSES[0])
+    spoilt[7, 9] = np.nan
+    values = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75])}
+    write_constant_model(masked_model, {**values, "poses": POSES[0][None], "mask": spoilt})
+    store_facts(masked_model, FLAT_ROD)
+    predictor, images = Predictor(masked_model), np.zeros((2, 299, 299, 3), dtype=np.uint8)
+    for read in (predictor, predictor.masks):
+        with pytest.raises(InputError, match=rf"^{masked_model}: image 0 of a batch: .* a mask"):
+            read(images)
+
+
 def test_the_file_keeps_its_confidence(constant_model: Path) -> None:
     store_facts(constant_model, ModelFacts(0.1 + 0.2, 95.0, 3.0))
     assert Predictor(constant_model).confidence == 0.1 + 0.2

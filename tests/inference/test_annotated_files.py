@@ -13,6 +13,7 @@ from shaftpose.inference.drawing import draw_shafts
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.unwritable import UnwritableError
+from tests.inference.full_disk import longest_file
 from tests.inference.videos import read_greys
 
 AXIS = np.array([[200.0, 100.0], [260.0, 100.0]])
@@ -81,6 +82,27 @@ def test_another_size_begins_another_video(tmp_path: Path) -> None:
     assert read_greys(tmp_path / "clip-2.mp4") == pytest.approx([80, 90], abs=3)
 
 
+@pytest.mark.parametrize("fps", [211.222, 239.999, 1.0, 23.976, 60000 / 1001])
+def test_all_rates_of_videos_can_be_written(tmp_path: Path, fps: float) -> None:
+    """The fraction that OpenCV makes of 211.222 has a denominator that MPEG-4 refuses."""
+    with annotated_files(tmp_path) as files:
+        for number in range(2):
+            files.add(Frame("clip.avi", number, grey(40), fps), [])
+    written = cv2.VideoCapture(str(tmp_path / "clip.mp4")).get(cv2.CAP_PROP_FPS)
+    assert written == pytest.approx(fps, abs=0.01)
+
+
+def test_a_video_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
+    with (
+        pytest.raises(UnwritableError, match=r"clip\.mp4: not complete"),
+        longest_file(10_000),
+        annotated_files(tmp_path) as files,
+    ):
+        for number in range(3):
+            files.add(Frame("clip.avi", number, noise, 10.0), [])
+
+
 def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), annotated_files(tmp_path) as files:
         files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
@@ -97,6 +119,14 @@ def test_a_folder_that_takes_no_file_is_named(tmp_path: Path) -> None:
             annotated_files(folder) as files,
         ):
             files.add(Frame("a.png", 0, grey(40), fps), [])
+
+
+def test_a_folder_whose_name_opencv_cannot_take_is_named(tmp_path: Path) -> None:
+    with (
+        pytest.raises(UnwritableError, match=r"clip\.mp4: not UTF-8"),
+        annotated_files(tmp_path / "caf\udce9") as files,
+    ):
+        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
 
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:

@@ -1,8 +1,5 @@
 """Recordings for Rerun's viewer, read back."""
 
-import resource
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +11,7 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.inference.found_shafts import FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.unwritable import UnwritableError
+from tests.inference.full_disk import longest_file
 
 REASON = "rerun-sdk is not installed: in a clone, pip install '.[rerun]'"
 pytest.importorskip("rerun", reason=REASON)
@@ -75,17 +73,6 @@ def test_earlier_recordings_are_kept(tmp_path: Path) -> None:
     ):
         pass
     assert (tmp_path / "predictions.rrd").read_text() == "earlier"
-
-
-@contextmanager
-def longest_file(size: int) -> Iterator[None]:
-    """Files of this process take so many bytes: as on a full disk."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_recording_that_does_not_fit_is_named(tmp_path: Path) -> None:

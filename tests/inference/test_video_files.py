@@ -47,3 +47,11 @@ def test_what_is_no_video_is_named(content: bytes | None, tmp_path: Path) -> Non
     with pytest.raises(InputError, match=f"^{path}: (no such file|neither an image nor a video)"):
         list(VideoFile(path).frames())
     assert VideoFile(path).length is None
+
+
+def test_a_name_at_which_opencv_crashes_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "caf\udce9.mp4"
+    path.write_bytes(b"no video")
+    with pytest.raises(InputError, match=r"a video's name must be UTF-8; rename it$"):
+        list(VideoFile(path).frames())
+    assert VideoFile(path).length is None

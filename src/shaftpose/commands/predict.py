@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
+from io import TextIOWrapper
 from pathlib import Path
 from typing import NoReturn
 
@@ -119,6 +120,8 @@ def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
 
 def named_sources(names: Sequence[str]) -> Iterable[Source]:
     """The sources; a list unless standard input names some."""
+    if isinstance(sys.stdin, TextIOWrapper):
+        sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
     found = sources(names, sys.stdin)
     return found if "-" in names else list(found)
 

@@ -85,11 +85,11 @@ class ShardedDataset:
         try:
             poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
             boxes = [corners(info["bbox_visib"]) for info in infos]
+            both = [(*box, *pose) for box, pose in zip(boxes, poses, strict=True)]
+            values = np.array(both, dtype=np.float64).reshape(-1, 9)
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(key, "gt_info.json", "annotation") from error
-        return Annotations(
-            np.array(boxes, dtype=np.float64).reshape(-1, 4), np.array(poses).reshape(-1, 5)
-        )
+        return Annotations(values[:, :4], values[:, 4:])
 
     def camera(self, key: str) -> Camera:
         """The camera of one image."""
@@ -142,8 +142,7 @@ class ShardedDataset:
         try:
             return path, location.read()
         except OSError as error:
-            message = f"{path}: cannot be read ({error.strerror}); {render_anew([path])}"
-            raise InputError(message) from error
+            raise InputError(_unreadable(path, error)) from error
 
     def _location(self, key: str, suffix: str) -> Location:
         try:
@@ -182,13 +181,20 @@ def holds(path: Path, keys: Iterable[str]) -> bool:
 
 
 def _read_index(path: Path) -> dict[str, Location]:
-    """Location of each member of a shard, by name. Raises InputError if the shard is damaged."""
+    """Location of each member of a shard, by name.
+
+    Raises InputError if the shard is damaged or cannot be read.
+    """
     try:
         with tarfile.open(path, "r:") as tar:
             members = {m.name: Location(path, m.offset_data, m.size) for m in tar}
+        end = max((m.offset + m.size for m in members.values()), default=0)
+        whole = _ends_as_written(path, end)
+    except OSError as error:
+        raise InputError(_unreadable(path, error)) from error
     except tarfile.TarError as error:
         raise InputError(_damaged(path)) from error
-    if not _ends_as_written(path, max((m.offset + m.size for m in members.values()), default=0)):
+    if not whole:
         raise InputError(_damaged(path))
     return members
 
@@ -201,6 +207,10 @@ def _ends_as_written(path: Path, end: int) -> bool:
         rest = file.read()
     blocks = len(rest) // tarfile.BLOCKSIZE
     return (end + len(rest)) % tarfile.RECORDSIZE == 0 and blocks >= 2 and not any(rest)
+
+
+def _unreadable(path: Path, error: OSError) -> str:
+    return f"{path}: cannot be read ({error.strerror}); {render_anew([path])}"
 
 
 def _damaged(path: Path) -> str:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from shaftpose.core.backend import Backend
 from shaftpose.errors import InputError
 
+_THREADS = "ORT_INTRA_OP_NUM_THREADS"
+
 
 class Network(Protocol):
     """An opened model, which takes images (N, side_px, side_px, 3) uint8 RGB."""
@@ -32,17 +34,27 @@ class Network(Protocol):
 def open_network(path: Path, backend: Backend) -> Network:
     """The model in a file.
 
-    Raises InputError if the backend is not installed, or naming the file if it cannot be read.
+    Raises InputError if the backend is not installed, naming the file if it cannot be read, or
+    naming the variable for the number of threads if it is no number.
     """
+    threads = _most_threads()
     try:
-        return _InOpenVino(path) if backend == "openvino" else _InOnnxruntime(path)
+        return _InOpenVino(path, threads) if backend == "openvino" else _InOnnxruntime(path)
     except ImportError as error:
         raise InputError(
-            "--backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]'"
+            f"--backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]' ({error})"
         ) from error
     except Exception as error:  # the backends' own exceptions have no common base
         cause = " ".join(str(error).split())
         raise InputError(f"{path}: not a readable ONNX model; export it again: {cause}") from error
+
+
+def _most_threads() -> int:
+    """onnxruntime's own limit, which holds for OpenVINO, too; 0 for none."""
+    stated = os.environ.get(_THREADS) or "0"
+    if not stated.isdecimal():
+        raise InputError(f"{_THREADS}={stated}: not a number of threads; set one, or unset it")
+    return int(stated)
 
 
 class _InOnnxruntime:
@@ -75,7 +87,7 @@ def openvino_core() -> Any:
 
 
 class _InOpenVino:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, threads: int) -> None:
         from openvino.frontend import FrontEndManager
 
         # Core.read_model would try formats other than ONNX, too.
@@ -90,8 +102,7 @@ class _InOpenVino:
             # Its default, 16 bits where the processor has them, moves poses.
             "INFERENCE_PRECISION_HINT": "f32",
             "PERFORMANCE_HINT": "LATENCY",
-            # The variable of onnxruntime, which sets one limit for both; 0 for none.
-            "INFERENCE_NUM_THREADS": int(os.environ.get("ORT_INTRA_OP_NUM_THREADS") or 0),
+            "INFERENCE_NUM_THREADS": threads,
         }
         self._busy = Lock()  # one request at a time
         self._compiled = openvino_core().compile_model(model, "CPU", settings)

@@ -33,39 +33,50 @@ def export_model(
     """Write `model.onnx` and `parity.json` to `out`.
 
     images: (N, 299, 299, 3) uint8, to compare file and network on; rendering: settings of the
-    training images, whose camera and shaft are stored in the file. Raises InputError if file and
-    network differ.
+    training images, whose camera and shaft are stored in the file. The file's thresholds are chosen
+    on the validation images of data/render/images. Raises InputError if file and network differ.
     """
     detector, path = ShaftDetector(network, limits), out / "model.onnx"
     export_onnx(detector, path, IMAGE_SIDE_PX)
-    predictor = Predictor(path)
-    parity = check_parity(detector, predictor, images, continuous=network.continuous)
-    if network.has_mask:
-        parity = replace(parity, mask=mask_difference(detector, predictor, images))
-    reader, stored = network.edge_reader(), None
-    if reader is not None:
-        stored = edge_reader_bytes(reader)
+    reader = network.edge_reader()
+    stored = None if reader is None else edge_reader_bytes(reader)
+    parity = _parity(detector, Predictor(path), images)
+    if reader is not None and stored is not None:
         parity = replace(parity, edge=edge_difference(reader, LearnedEdges(stored)))
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
+    facts = _facts(rendering, stored)
+    store_facts(path, facts)
+    alone, *fitting = network_and_fit(path, "mask" if stored is None else "edges")
+    facts = replace(facts, confidence=validated_confidence(alone))
+    for fit in fitting:
+        facts = replace(facts, fit_confidence=validated_confidence(fit))
+    store_facts(path, facts)
+    return parity
+
+
+def _parity(detector: ShaftDetector, predictor: Predictor, images: NDArray[np.uint8]) -> Parity:
+    """How far the outputs of the file are from those of the network."""
+    network = detector.network
+    parity = check_parity(detector, predictor, images, continuous=network.continuous)
+    if network.has_mask:
+        parity = replace(parity, mask=mask_difference(detector, predictor, images))
+    return parity
+
+
+def _facts(rendering: RenderSettings, edge_reader: bytes | None) -> ModelFacts:
+    """What the file states, still without thresholds."""
     shaft, lens = rendering.shaft, rendering.lens.distortion
-    facts = ModelFacts(
+    return ModelFacts(
         view_deg=rendering.camera.view_deg,
         # The diameter of an instrument from a CAD file is not a setting.
         shaft_diameter_mm=None if shaft.cad else shaft.diameter_mm,
         shaft_length_mm=None if shaft.cad else shaft.length_mm,
         shaft_tip=None if shaft.cad else shaft.tip,
         distorted=any((*lens.k1, *lens.k2)),
-        edge_reader=stored,
+        edge_reader=edge_reader,
     )
-    store_facts(path, facts)
-    alone, *fitting = network_and_fit(path, "mask" if stored is None else "edges")
-    facts = replace(facts, confidence=validated_confidence(alone))
-    for predictor in fitting:
-        facts = replace(facts, fit_confidence=validated_confidence(predictor))
-    store_facts(path, facts)
-    return parity
 
 
 def validated_confidence(predictor: Predictor) -> float:

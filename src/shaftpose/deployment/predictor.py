@@ -93,12 +93,20 @@ class Predictor:
         if self.refiner is None:
             return found
         finer = fine or [None] * len(images)
-        return [self.refiner(*each) for each in zip(images, *masks, found, finer, strict=True)]
+        several = zip(images, self._finite(*masks), found, finer, strict=True)
+        return [self.refiner(*each) for each in several]
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The probability of a shaft (N, 299, 299) in images (N, 299, 299, 3) uint8 RGB, by a model
-        that predicts it."""
-        (masks,) = self._network.run([_MASK], images)
+        that predicts it. Raises InputError naming the file and the image if it is not finite."""
+        return self._finite(*self._network.run([_MASK], images))
+
+    def _finite(self, masks: NDArray[np.float32]) -> NDArray[np.float32]:
+        for number in np.flatnonzero(~np.isfinite(masks).all(axis=(1, 2))):
+            raise InputError(
+                f"{self._path}: image {number} of a batch: the model finds a mask that is not "
+                "finite: export it again, or train it again"
+            )
         return masks
 
     def _unpadded(self, *outputs: NDArray[np.floating]) -> Iterator[Detections]:

@@ -11,6 +11,7 @@ from shaftpose.inference.drawing import draw_shafts
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.unwritable import UnwritableError, naming_unwritable
+from shaftpose.inference.video_files import opencv_name, stated_length
 
 
 class AnnotatedFiles:
@@ -27,8 +28,8 @@ class AnnotatedFiles:
     def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
         """Draw a frame.
 
-        Raises UnwritableError naming the picture if it cannot be written, or the video if it cannot
-        be created: OpenCV does not tell whether it could write more frames.
+        Raises UnwritableError naming the picture if it cannot be written, the video if it cannot be
+        created, or an earlier one that is not complete.
         """
         drawn = draw_shafts(frame.rgb, shafts)
         if frame.fps is None:
@@ -39,7 +40,7 @@ class AnnotatedFiles:
             self._video_of(frame, frame.fps).add(drawn)
 
     def close(self) -> None:
-        """Finish the last video."""
+        """Finish the last video. Raises UnwritableError naming it if it is not complete."""
         if self._video is not None:
             self._video.close()
             self._video = None
@@ -57,9 +58,14 @@ class AnnotatedVideo:
     """An MP4 file of a video. Raises UnwritableError naming it if it cannot be created."""
 
     def __init__(self, path: Path, first: Frame, fps: float) -> None:
+        name = opencv_name(path)
+        if name is None:
+            raise UnwritableError(f"{path}: not UTF-8; name another folder by --out")
+        self._name, self._count = name, 0
         self._source, self._shape = first.source, first.rgb.shape
         code, size = cv2.VideoWriter.fourcc(*"mp4v"), first.rgb.shape[1::-1]
-        self._writer = cv2.VideoWriter(str(path), code, fps, size)
+        # MPEG-4 takes no rate whose fraction has a denominator above 65,535.
+        self._writer = cv2.VideoWriter(name, code, round(fps, 2), size)
         if not self._writer.isOpened():
             raise UnwritableError(
                 f"{path}: cannot be written as a video; name another folder by --out"
@@ -72,16 +78,25 @@ class AnnotatedVideo:
 
     def add(self, rgb: Image) -> None:
         """Append a frame."""
+        self._count += 1
         self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file. Raises UnwritableError if it lacks frames: OpenCV does not tell."""
         self._writer.release()
+        if stated_length(cv2.VideoCapture(self._name)) != self._count:
+            raise UnwritableError(
+                f"{self._name}: not complete; name another folder by --out, on a disk with room; "
+                "the other results are kept"
+            )
 
 
 @contextmanager
 def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
-    """Pictures and videos in a folder; the last video is finished even if prediction fails."""
+    """Pictures and videos in a folder; the last video is finished even if prediction fails.
+
+    Raises UnwritableError at the end if the last video is not complete.
+    """
     files = AnnotatedFiles(folder)
     try:
         yield files

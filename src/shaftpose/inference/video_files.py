@@ -31,16 +31,23 @@ class VideoFile:
     @property
     def length(self) -> int | None:
         """The number of frames that the header states; None if it states none."""
-        return _stated_length(cv2.VideoCapture(str(self.path)))
+        name = opencv_name(self.path)
+        return None if name is None else stated_length(cv2.VideoCapture(name))
 
     def frames(self) -> Iterator[Frame]:
         """All frames. Raises InputError naming the file if it is no video or ends early."""
         if not os.path.isfile(self.path):
-            raise InputError(f"{self.path}: no such file; name an image, a folder or a video")
-        capture = cv2.VideoCapture(str(self.path))
+            raise InputError(
+                f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
+                "number"
+            )
+        name = opencv_name(self.path)
+        if name is None:
+            raise InputError(f"{self.path}: a video's name must be UTF-8; rename it")
+        capture = cv2.VideoCapture(name)
         if not capture.isOpened():
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
-        fps, stated, number = frame_rate(capture), _stated_length(capture) or 0, 0
+        fps, stated, number = frame_rate(capture), stated_length(capture) or 0, 0
         while (frame := capture.read()[1]) is not None:
             yield Frame(self.name, number, from_bgr(frame), fps)
             number += 1
@@ -51,7 +58,19 @@ class VideoFile:
             )
 
 
-def _stated_length(capture: cv2.VideoCapture) -> int | None:
+def opencv_name(path: Path) -> str | None:
+    """The path as OpenCV's video functions take it; None if it is not UTF-8, at which they crash
+    the process."""
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return None
+    return name
+
+
+def stated_length(capture: cv2.VideoCapture) -> int | None:
+    """The number of frames that a video's header states; None if it states none."""
     count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     return count if count > 0 else None
 

@@ -6,6 +6,7 @@ from shaftpose.core.contour import Contour
 from shaftpose.core.instruments import Detections
 from shaftpose.core.masks import mask_box
 from shaftpose.deployment.refinement.edges import Offsets, mask_offsets
+from shaftpose.deployment.refinement.fit import Fit
 from shaftpose.deployment.refinement.refiner import Refiner
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
@@ -38,6 +39,16 @@ def test_poses_and_boxes_are_those_of_the_silhouette(name: str) -> None:
     found = Refiner(SHAFT, CAMERA, EDGES[name])(grey(mask), mask, detections(POSES[0] + OFF))
     assert np.all(np.abs(found.poses[0] - POSES[0]) < NEAR)
     assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 2.5)
+
+
+def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tip nearer to the camera than the shaft's radius and 1 mm has no contour, thus no box."""
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    monkeypatch.setattr(Refiner, "_fit", lambda *_: lost)
+    mask = soft_mask(POSES[0])
+    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[0]))
+    np.testing.assert_array_equal(found.poses, POSES[:1])
+    assert np.isnan(found.deviations).all()
 
 
 def test_edges_of_the_image_correct_a_wrong_mask() -> None:

@@ -55,8 +55,8 @@ class Refiner:
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view; fine:
         (k H, k W, 3), the same view in more pixels, whose edges are more exact. A detection keeps
-        its pose if the fit finds too few edges, and its box also if the tip is not flat: the
-        contour has only lines then.
+        its pose if the fit finds too few edges or leads out of sight, and its box also if the tip
+        is not flat: the contour has only lines then.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
@@ -82,10 +82,12 @@ class Refiner:
         for row, start in enumerate(found.poses):
             if (fit := self._fit(start, mask, pictures)) is None:
                 continue
+            points = shaft_contour(fit.pose, self.shaft, self.camera).points
+            if not len(points):  # the last step has led out of sight
+                continue
             poses[row] = fit.pose
             deviations[row] = np.sqrt(np.diag(fit.covariance()))
-            points = shaft_contour(fit.pose, self.shaft, self.camera).points
-            if self.shaft.flat_tip and len(points):
+            if self.shaft.flat_tip:
                 boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
         scores = np.array(
             [
