@@ -168,9 +168,12 @@ def test_other_software_is_refused(
 ) -> None:
     def older(work: Work, chunks: Iterable[Chunk]) -> Predicted:
         for chunk in chunks:
-            yield chunk, work(replace(chunk, run=replace(chunk.run, software="older")))
+            software = dict(chunk.run.software) | {"numpy": "1.0.0"}
+            older_run = replace(chunk.run, software=tuple(software.items()))
+            yield chunk, work(replace(chunk, run=older_run))
 
-    with pytest.raises(InputError, match="differ from those on the machine that started the run"):
+    different = f"other software than .*: numpy {np.__version__} instead of 1.0.0; install the same"
+    with pytest.raises(InputError, match=f"^{re.escape(socket.gethostname())}: {different}"):
         run(images, options, older)
 
 

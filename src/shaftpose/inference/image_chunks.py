@@ -1,22 +1,15 @@
 """Prediction of many image files in chunks, which processes of several machines can share."""
 
-import hashlib
 import os
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
-from importlib.metadata import PackageNotFoundError, version
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from threading import Lock
 from uuid import uuid4
 
-import cv2
-import numpy as np
-import onnxruntime
-
-from shaftpose.core.backend import Backend
 from shaftpose.deployment.bundled import checksum
 from shaftpose.errors import InputError
 from shaftpose.inference.finder_options import FinderOptions
@@ -27,7 +20,7 @@ from shaftpose.inference.image_files import EmptyFolder, ImageFile
 from shaftpose.inference.model_files import model_file
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.source_code import source_files
+from shaftpose.inference.software import Versions, differences, versions
 
 _IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
 _LOADING = Lock()  # a worker may have several threads
@@ -38,13 +31,13 @@ class ChunkedRun:
     """Parameters shared by the chunks of one run.
 
     options: with absolute paths. model: checksum of its file. folder: that the paths of images
-    start from. software: see `_software`. name: no other run has it.
+    start from. software: see `software.versions`. name: no other run has it.
     """
 
     options: FinderOptions
     model: bytes
     folder: Path
-    software: str
+    software: Versions
     name: str
 
 
@@ -125,10 +118,11 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 
     Raises InputError if the software differs or the model cannot be used.
     """
-    if chunk.run.software != _software(chunk.run.options.backend):
+    own = versions(chunk.run.options.backend, __name__)
+    if different := differences(own, chunk.run.software):
         raise InputError(
-            f"{socket.gethostname()}: shaftpose, onnxruntime, OpenVINO, OpenCV or numpy differ "
-            "from those on the machine that started the run; install the same versions"
+            f"{socket.gethostname()}: other software than on the machine that started the run: "
+            f"{different}; install the same versions"
         )
     with _LOADING:
         finder, warnings = _finder(chunk.run)
@@ -139,33 +133,10 @@ def predict_chunk(chunk: Chunk) -> Prediction:
 def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk]:
     with model_file(options.model) as path:
         model = checksum(path)
-    rest, run = (
-        iter(sources),
-        ChunkedRun(options, model, Path.cwd(), _software(options.backend), uuid4().hex),
-    )
+    software = versions(options.backend, __name__)
+    rest, run = iter(sources), ChunkedRun(options, model, Path.cwd(), software, uuid4().hex)
     while images := tuple(islice(rest, _IMAGES)):
         yield Chunk(images, run)
-
-
-@cache
-def _software(backend: Backend) -> str:
-    """Hexadecimal digest of the software that determines the results."""
-    digest = hashlib.sha256()
-    if backend == "openvino":
-        digest.update(f"openvino {_installed('openvino')}".encode())
-    for package in (onnxruntime, cv2, np):
-        digest.update(f"{package.__name__} {package.__version__}".encode())
-    for path in source_files([__name__]):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _installed(package: str) -> str:
-    """Its version, or none, as on a worker that lacks it."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "none"
 
 
 @lru_cache(maxsize=1)
