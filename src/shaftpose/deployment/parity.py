@@ -13,6 +13,7 @@ from torch import nn
 from shaftpose.core.instruments import Detections
 from shaftpose.core.outline_strips import COLUMNS, ROWS
 from shaftpose.core.padding import unpadded
+from shaftpose.core.pairing import nearest_pairs
 from shaftpose.deployment.predictor import Predictor
 from shaftpose.deployment.refinement.learned_edges import LearnedEdges
 from shaftpose.evaluation.boxes import box_iou
@@ -125,14 +126,8 @@ def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:
     """Rows of `known` -> rows of `found` whose corners agree within the tolerance, nearest first;
     each row is in one pair at most."""
-    distance = np.abs(known.boxes[:, None] - found.boxes[None]).max(axis=2)
-    near = np.argwhere(distance <= BOX_TOLERANCE_PX)
-    order = np.argsort(distance[tuple(near.T)], kind="stable")
-    pairs: dict[int, int] = {}
-    for row, twin in near[order].tolist():
-        if row not in pairs and twin not in pairs.values():
-            pairs[row] = twin
-    return pairs
+    distances = np.abs(known.boxes[:, None] - found.boxes[None]).max(axis=2)
+    return nearest_pairs(distances, BOX_TOLERANCE_PX)
 
 
 def _differences(

@@ -7,6 +7,7 @@ import numpy as np
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.core.pairing import nearest_pairs
 from shaftpose.inference.found_shafts import Array, FoundShaft
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.tracks import Measurement, Track
@@ -84,14 +85,7 @@ class Tracker:
 def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) -> dict[int, int]:
     """For each of the seen shafts (6,: see `tip_and_axis`) whose tip is within `near_mm` of an
     expected one's, with a similar axis, the number of that one; nearest tips first."""
-    pairs = [
-        (float(np.linalg.norm(one[:3] - other[:3])), row, column)
-        for row, one in enumerate(seen)
-        for column, other in enumerate(expected)
-        if one[3:] @ other[3:] >= np.cos(np.radians(_NEAR_DEG))
-    ]
-    found: dict[int, int] = {}
-    for distance, row, column in sorted(pairs):
-        if distance <= near_mm and row not in found and column not in found.values():
-            found[row] = column
-    return found
+    ones, others = (np.reshape(shafts, (-1, 6)) for shafts in (seen, expected))
+    distances = np.linalg.norm(ones[:, None, :3] - others[None, :, :3], axis=2)
+    distances[ones[:, 3:] @ others[:, 3:].T < np.cos(np.radians(_NEAR_DEG))] = np.inf
+    return nearest_pairs(distances, near_mm)
