@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 RECORDS = ROOT / "reports/learning"
 PAGES = {
     "docs/learning.md": ("first_round", "second_round", "dense"),
-    "docs/beyond.md": ("held", "edges", "offsets", "readers", "only_mask", "fit"),
+    "docs/beyond.md": ("held", "edges", "offsets", "readers", "capacity", "only_mask", "fit"),
     "docs/real_images.md": ("real",),
 }
 
