@@ -150,7 +150,7 @@ def test_the_backend_openvino_needs_its_extra(tmp_path: Path) -> None:
     arguments = ("predict", str(FRAMES), "--backend", "openvino", "--out", str(tmp_path / "found"))
     result = run_without(HEAVY, *arguments)
     assert result.returncode == 1
-    message = "error: --backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]'\n"
+    message = "error: --backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]' ("
     assert message in result.stderr
 
 

@@ -28,7 +28,7 @@ STEPS = {
         "shaftpose.rendering.generator:_masks",
         "shaftpose.rendering.generator:Generator._instrument",
     ],
-    "JPEG and tar": ["shaftpose.core.shards:ShardWriter.write"],
+    "JPEG and tar": ["shaftpose.core.shard_writer:ShardWriter.write"],
 }
 _MORE = 8  # times the samples, to separate path tracing from Blender's other work
 
