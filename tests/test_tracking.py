@@ -15,6 +15,28 @@ def test_a_queued_experiment_tracks_in_the_users_own_copy() -> None:
     assert tracking.workspace(Path("/home/me/p")) == Path("/home/me/p")
 
 
+def test_a_server_that_does_not_answer_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the lock is there
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    uri = mlflow.get_tracking_uri()
+    try:
+        with pytest.raises(
+            InputError, match=r"MLflow at http://127\.0\.0\.1:9, experiment trials: "
+        ):
+            tracking.connect("http://127.0.0.1:9", "trials")  # the port to which nobody listens
+    finally:
+        mlflow.set_tracking_uri(uri)
+
+
+def test_a_deleted_experiment_is_named(store: Path) -> None:
+    client = mlflow.MlflowClient()
+    client.delete_experiment(client.get_experiment_by_name("trials").experiment_id)
+    with pytest.raises(InputError, match="experiment trials: .*deleted"):
+        tracking.connect(None, "trials")
+
+
 def test_the_datasets_hashes_come_from_the_lock_file(tmp_path: Path) -> None:
     lock = tmp_path / "dvc.lock"
     assert tracking.dataset_identity(lock) == {}

@@ -23,6 +23,7 @@ from filelock import FileLock  # noqa: E402
 from mlflow.data.code_dataset_source import CodeDatasetSource  # noqa: E402
 from mlflow.data.meta_dataset import MetaDataset  # noqa: E402
 from mlflow.entities import LoggedModelStatus, Run, RunStatus  # noqa: E402
+from mlflow.exceptions import MlflowException  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
 from shaftpose.errors import InputError  # noqa: E402
@@ -44,7 +45,8 @@ def connect(uri: str | None, experiment: str) -> str:
     """Select server and experiment for this process; return the URI.
 
     uri: an MLflow server; None selects MLFLOW_TRACKING_URI if set, else `mlflow.db` in the project
-    folder, with artifacts in `mlruns`.
+    folder, with artifacts in `mlruns`. Raises InputError if the server does not answer as one, or
+    if the experiment was deleted.
     """
     root = workspace(Path.cwd())
     uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
@@ -52,10 +54,16 @@ def connect(uri: str | None, experiment: str) -> str:
     logging.getLogger("mlflow").setLevel(logging.WARNING)
     location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
     # Trainings may start concurrently: only one of them creates database and experiment.
-    with FileLock(root / ".mlflow.lock"):
-        if mlflow.get_experiment_by_name(experiment) is None:
-            mlflow.create_experiment(experiment, artifact_location=location)
-        mlflow.set_experiment(experiment)
+    try:
+        with FileLock(root / ".mlflow.lock"):
+            if mlflow.get_experiment_by_name(experiment) is None:
+                mlflow.create_experiment(experiment, artifact_location=location)
+            mlflow.set_experiment(experiment)
+    except MlflowException as error:
+        raise InputError(
+            f"MLflow at {uri}, experiment {experiment}: {error}; see that the server runs, or name "
+            "another in tracking.uri or MLFLOW_TRACKING_URI"
+        ) from error
     return uri
 
 
@@ -137,7 +145,7 @@ class SweepRun(NamedTuple):
 
 
 def sweep_runs(folder: Path) -> list[SweepRun]:
-    """The trainings of a sweep in start order, including unfinished ones.
+    """The trainings of a sweep, including unfinished ones, in the order of first starts.
 
     Of trainings with equal parameters only the last is returned: a job is retrained if code or data
     change. Raises InputError if no sweep was tracked from `folder`.

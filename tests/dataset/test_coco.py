@@ -236,6 +236,7 @@ def test_an_entry_that_holds_no_keys_is_named(tmp_path: Path, part: str) -> None
         [1, 2, 3, 4, 5, float("inf")],
         [1, 2, 3, 4, 5, float("nan")],
         [1, 2, 3, 4, 5, -1e12],  # pycocotools would run out of memory
+        [1, 2, 3, 4, 5, 10**400],  # no float holds it
         [1, 2, 3, 4, 5, None],
         [1, 2, 3, 4, 5, "six"],
         [[1, 2], [3, 4], [5, 6]],
@@ -650,6 +651,13 @@ def test_a_tip_may_be_known_alone(tmp_path: Path) -> None:
     unknown = [np.nan, np.nan]
     expected = [[unknown, unknown], [[5, 15], unknown]]
     np.testing.assert_array_equal(load_square(wide, 20).axes, expected)
+
+
+def test_a_tip_that_is_the_tail_is_named(tmp_path: Path) -> None:
+    content = coco_content()
+    content["annotations"][1]["attributes"] = {"tip": [20.0, 30.0], "tail": [20, 30]}
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[1]: tip and tail are the same point (20.0, 30.0)" in message
 
 
 def square_samples() -> list[tuple[str, RealSample]]:

@@ -93,13 +93,28 @@ def test_unknown_pixels_and_unknown_tips_stay_unknown() -> None:
     assert np.isnan(changed.tips_px).all()
 
 
+def test_no_tip_enters_or_leaves_the_view() -> None:
+    """The first tip is out of view and might be drawn into it; the second is in its corner."""
+    rgb, known = drawn()
+    tips = np.array([[-10.0, 90.0], [199.0, 199.0]])
+    changes = 0
+    for seed in range(40):
+        image, after = random_similarity(
+            rgb, replace(known, tips_px=tips), np.random.default_rng(seed)
+        )
+        assert after.tips_px is not None
+        inside = np.all((after.tips_px >= 0) & (after.tips_px <= SIDE), axis=1)
+        assert inside.tolist() == [False, True]
+        changes += image is not rgb
+    assert changes > 10
+
+
 @pytest.mark.parametrize(
     "change",
     [
         pytest.param({"poses": np.ones((1, 5))}, id="poses are known"),
         pytest.param({"instances": None}, id="no map of instruments"),
         pytest.param({"instances": np.full((SIDE, SIDE), UNKNOWN, np.uint8)}, id="no mask"),
-        pytest.param({"tips_px": np.array([[9e3, 9e3]])}, id="a tip out of view"),
     ],
 )
 def test_what_cannot_be_changed_stays(change: dict[str, np.ndarray | None]) -> None:

@@ -209,6 +209,11 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Real
     (x0, y0), (x1, y1) = clipped.tolist()
     mask = _mask(annotation.segmentation, entry, f"{where}.segmentation")
     axis = (annotation.tip or _UNKNOWN, annotation.tail or _UNKNOWN)
+    if annotation.tip is not None and annotation.tip == annotation.tail:
+        raise InputError(
+            f"{where}: tip and tail are the same point {annotation.tip}, which gives no axis; move "
+            "the tail towards the handle, or remove it"
+        )
     return RealInstrument((x0, y0, x1, y1), mask, annotation.occluded, axis)
 
 
@@ -229,7 +234,7 @@ def _mask(segmentation: Any, entry: _ImageEntry, where: str) -> RunLengths | Non
 def _polygon(points: Any, where: str) -> NDArray[np.float64]:
     try:
         values = np.array(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{where}: holds more than numbers; a polygon is x, y, x, y, ..."
         ) from error

@@ -23,9 +23,9 @@ def random_similarity(
 ) -> tuple[Image, Annotations]:
     """Scale, rotate and shift a square image (S, S, 3); what comes into view is black background.
 
-    All tips and a part of every instrument stay in view. The image is returned unchanged if ten
-    draws fail to do so, if poses are known, or if `known` does not say which pixels belong to each
-    instrument.
+    A part of every instrument stays in view, and no tip enters or leaves it: one that entered would
+    lie on black. The image is returned unchanged if ten draws fail to do so, if poses are known, or
+    if `known` does not say which pixels belong to each instrument.
     """
     if known.poses is not None or known.instances is None:
         return rgb, known
@@ -54,7 +54,7 @@ def _of_indices(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations | None:
-    """The annotations of the changed image; None if it lacks a tip or an instrument."""
+    """The annotations of the changed image; None if a tip or an instrument left or entered."""
     assert known.instances is not None
     side = known.instances.shape[0]
     instances = np.asarray(
@@ -66,8 +66,15 @@ def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations
         return None
     tips = known.tips_px
     if tips is not None:
+        seen = _inside(tips, side)
         tips = tips @ matrix[:, :2].T + matrix[:, 2]
-        if np.any((tips < 0) | (tips > side)):  # False where a tip is unknown
+        if np.any(_inside(tips, side) != seen):
             return None
     boxes = np.array([mask_box(mask) for mask in masks], np.float64).reshape(-1, 4)
     return Annotations(boxes, None, instances, tips)
+
+
+def _inside(points: NDArray[np.float64], side: int) -> NDArray[np.bool_]:
+    """Which points (G, 2) lie in the image; unknown ones, NaN, do not."""
+    inside: NDArray[np.bool_] = np.all((points >= 0) & (points <= side), axis=1)
+    return inside
