@@ -1,5 +1,6 @@
 """Image sets of the stage `evaluate_real`."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -74,3 +75,17 @@ def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
 def test_a_set_without_images_is_left_out(project: Path) -> None:
     write_real(project / "data/real", [False])
     assert "stand-in/occluded" not in silhouette_sets(CAMERA, "stand-in")
+
+
+def test_pixels_of_crowds_are_left_out(project: Path) -> None:
+    write_real(project / "data/real", [False, False])
+    path = project / "data/real/test.json"
+    content = json.loads(path.read_text())
+    crowd = {"id": 9, "image_id": content["images"][0]["id"], "bbox": [2, 20, 6, 8], "iscrowd": 1}
+    content["annotations"].append(crowd)
+    path.write_text(json.dumps(content))
+    with_crowd, without = silhouette_sets(CAMERA, "real")["real/clear"]
+    expected = np.zeros((SIDE, SIDE), dtype=bool)
+    expected[20:28, 2:8] = True
+    np.testing.assert_array_equal(with_crowd.left_out, expected)
+    assert without.left_out is None

@@ -30,6 +30,15 @@ def test_nothing_detected_is_zero_and_nothing_there_undefined():
     assert silhouette_iou([mask()], [mask()]) is None
 
 
+def test_pixels_left_out_count_only_where_a_known_shaft_is():
+    # True columns 0 and 1, predicted 1 to 4, of which 3 and 4 do not count: 1 of 3.
+    true, predicted = [mask(0, 1)], [mask(1, 2), mask(3, 4)]
+    assert silhouette_iou(true, predicted, mask(3, 4)) == pytest.approx(1 / 3)
+    assert silhouette_iou(true, predicted, mask(0, 1, 3, 4)) == pytest.approx(1 / 3)
+    assert silhouette_iou([], predicted, mask(1, 2, 3, 4)) is None
+    assert silhouette_iou(true, [], mask(3, 4)) == 0
+
+
 def test_masks_of_another_size_are_refused() -> None:
     with pytest.raises(InputError, match=r"\[\(4, 8\), \(4, 9\)\] px"):
         silhouette_iou([mask(0)], [np.ones((4, 9), dtype=bool)])

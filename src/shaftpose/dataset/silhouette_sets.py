@@ -19,13 +19,17 @@ OCCLUSIONS = ("clear", "occluded")
 
 @dataclass(frozen=True)
 class MaskedImage:
-    """One rendered or real image with boxes, visible masks and axes (G, 2, 2) px in the image."""
+    """One rendered or real image with boxes, visible masks and axes (G, 2, 2) px in the image.
+
+    left_out: (S, S), pixels of shafts that the annotations lack; None if there are none.
+    """
 
     rgb: Image
     known: Annotations
     masks: Sequence[NDArray[np.bool_]]
     axes: NDArray[np.float64]
     camera: Camera
+    left_out: NDArray[np.bool_] | None = None
 
 
 def silhouette_sets(camera: Camera, domain: str) -> dict[str, list[MaskedImage]]:
@@ -57,5 +61,7 @@ def _real(camera: Camera) -> dict[str, list[MaskedImage]]:
         if len(sample.boxes):
             name = OCCLUSIONS[int(sample.occluded)]
             known = Annotations(sample.boxes, None)
-            sets[name].append(MaskedImage(sample.rgb, known, sample.masks, sample.axes, camera))
+            sets[name].append(
+                MaskedImage(sample.rgb, known, sample.masks, sample.axes, camera, sample.left_out)
+            )
     return sets

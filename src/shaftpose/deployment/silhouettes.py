@@ -49,7 +49,7 @@ def compare_silhouettes(
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
             overlaps = [
-                silhouette_iou(image.masks, masks)
+                silhouette_iou(image.masks, masks, image.left_out)
                 for image, masks in zip(images, silhouettes, strict=True)
             ]
             scores[f"{prefix}{name}"] = _score(images, found, overlaps, confidence)

@@ -38,21 +38,22 @@ class SilhouetteScore:
     axis_px: float | None = None
 
 
-def silhouette_iou(true_masks: Sequence[Mask], predicted_masks: Sequence[Mask]) -> float | None:
+def silhouette_iou(
+    true_masks: Sequence[Mask], predicted_masks: Sequence[Mask], left_out: Mask | None = None
+) -> float | None:
     """IoU of two unions of masks (H, W) of one image.
 
-    0 if nothing was detected; None if there was also nothing to detect. Raises InputError for masks
-    of different sizes.
+    left_out: (H, W), pixels outside of the true masks that do not count. 0 if nothing was detected;
+    None if there was also nothing to detect. Raises InputError for masks of different sizes.
     """
     masks = [*true_masks, *predicted_masks]
     if len(sizes := {mask.shape for mask in masks}) > 1:
         raise InputError(f"masks of one image have {sorted(sizes)} px: give all the image's size")
-    if not np.any(masks):
-        return None
-    if not len(true_masks) or not len(predicted_masks):
-        return 0.0
     true, predicted = np.any(true_masks, axis=0), np.any(predicted_masks, axis=0)
-    return float(np.sum(true & predicted) / np.sum(true | predicted))
+    if left_out is not None:
+        predicted = predicted & (true | ~left_out)
+    union = np.count_nonzero(true | predicted)
+    return np.count_nonzero(true & predicted) / union if union else None
 
 
 def silhouette_score(
