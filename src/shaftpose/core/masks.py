@@ -1,4 +1,4 @@
-"""Masks of shafts: their boxes, and how far one hides another."""
+"""Masks of shafts: their boxes and run lengths, and how far one hides another."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

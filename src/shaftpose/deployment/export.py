@@ -19,7 +19,7 @@ from shaftpose.evaluation.average_precision import precision_recall
 from shaftpose.evaluation.operating_point import best_confidence
 from shaftpose.json_files import write_json
 from shaftpose.network.detector import ShaftDetector
-from shaftpose.network.pose_network import IMAGE_SIDE_PX, PoseNetwork
+from shaftpose.network.pose_network import IMAGE_SIDE_PX, MaskNetwork, PoseNetwork
 from shaftpose.settings.parts import DetectionSettings, RenderSettings
 
 
@@ -38,10 +38,11 @@ def export_model(
     """
     detector, path = ShaftDetector(network, limits), out / "model.onnx"
     export_onnx(detector, path, IMAGE_SIDE_PX)
-    reader = network.edge_reader()
-    stored = None if reader is None else edge_reader_bytes(reader)
+    reader = network.edge_reader() if isinstance(network, MaskNetwork) else None
+    stored = None
     parity = _parity(detector, Predictor(path), images)
-    if reader is not None and stored is not None:
+    if reader is not None:
+        stored = edge_reader_bytes(reader)
         parity = replace(parity, edge=edge_difference(reader, LearnedEdges(stored)))
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
@@ -60,7 +61,7 @@ def _parity(detector: ShaftDetector, predictor: Predictor, images: NDArray[np.ui
     """How far the outputs of the file are from those of the network."""
     network = detector.network
     parity = check_parity(detector, predictor, images, continuous=network.continuous)
-    if network.has_mask:
+    if isinstance(network, MaskNetwork):
         parity = replace(parity, mask=mask_difference(detector, predictor, images))
     return parity
 

@@ -20,7 +20,7 @@ from shaftpose.network.dense_loss import loss_terms
 from shaftpose.network.edge_reader import EdgeReader
 from shaftpose.network.edge_samples import edge_samples
 from shaftpose.network.pinhole import Pinhole
-from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
 from shaftpose.network.residual import Residual, conv_norm_relu
 from shaftpose.settings.parts import (
     CameraSettings,
@@ -43,12 +43,11 @@ class DenseOutputs(NamedTuple):
     images: Tensor
 
 
-class DenseNetwork(PoseNetwork):
+class DenseNetwork(MaskNetwork):
     """The U-Net, and the edge reader. `channels`: of the levels at 1/2, 1/4, ... of the image's
     resolution; shaft: None if its outline is not known, so that there is no edge reader."""
 
     needs_instances = True
-    has_mask = True
 
     def __init__(self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None) -> None:
         super().__init__()

@@ -2,7 +2,7 @@
 
 from torch import Tensor, nn
 
-from shaftpose.network.pose_network import PoseNetwork, normalise_images
+from shaftpose.network.pose_network import MaskNetwork, PoseNetwork, normalise_images
 from shaftpose.settings.parts import DetectionSettings
 
 
@@ -17,14 +17,17 @@ class ShaftDetector(nn.Module):
     @property
     def output_names(self) -> tuple[str, ...]:
         """The names of the tensors that `forward` returns."""
-        return ("boxes", "scores", "poses", *(["mask"] if self.network.has_mask else []))
+        mask = ("mask",) if isinstance(self.network, MaskNetwork) else ()
+        return ("boxes", "scores", "poses", *mask)
 
     def forward(self, image: Tensor) -> tuple[Tensor, ...]:
         """(N, 299, 299, 3) uint8 RGB -> boxes (N, K, 4), scores (N, K), poses (N, K, 5).
 
         K is `limits.max_detections`. Boxes in pixels, poses in mm and deg, best score first, padded
-        with zeros. For networks that predict it, also the mask (N, h, w), see `PoseNetwork.masks`.
+        with zeros. For networks that predict it, also the mask (N, h, w), see `MaskNetwork.masks`.
         """
         outputs = self.network(normalise_images(image))
         decoded = self.network.detections(outputs, self.limits)
-        return (*decoded, self.network.masks(outputs)) if self.network.has_mask else decoded
+        if isinstance(self.network, MaskNetwork):
+            return (*decoded, self.network.masks(outputs))
+        return decoded

@@ -28,12 +28,11 @@ class PoseNetwork(nn.Module, ABC):
     """Images -> outputs; outputs and targets -> loss terms; outputs -> instruments.
 
     continuous: whether a small change of the outputs is a small change of the pose;
-    needs_instances: whether targets must have `instances`; has_mask: whether it has `masks`.
+    needs_instances: whether targets must have `instances`.
     """
 
     continuous: bool = True
     needs_instances: bool = False
-    has_mask: bool = False
 
     @abstractmethod
     def forward(self, images: Tensor) -> Any:
@@ -47,13 +46,17 @@ class PoseNetwork(nn.Module, ABC):
     def detections(self, outputs: Any, limits: DetectionSettings) -> DecodedOutputs:
         """At most `limits.max_detections` instruments in each image."""
 
+
+class MaskNetwork(PoseNetwork):
+    """A network that also predicts a mask, to which poses are fitted."""
+
+    @abstractmethod
+    def masks(self, outputs: Any) -> Tensor:
+        """The probability of a shaft, (B, h, w) in [0, 1]."""
+
     def edge_reader(self) -> nn.Module | None:
         """What finds outlines in strips of an image (`network.edge_reader`), if it has one."""
         return None
-
-    def masks(self, outputs: Any) -> Tensor:
-        """The probability of a shaft, (B, h, w) in [0, 1], of networks that predict it."""
-        raise NotImplementedError(f"{type(self).__name__} predicts no mask")
 
 
 def normalise_images(images: Tensor) -> Tensor:
