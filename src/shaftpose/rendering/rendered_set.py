@@ -15,7 +15,8 @@ from shaftpose.settings.parsing import to_json
 from shaftpose.settings.parts import RenderSettings
 from shaftpose.source_code import source_files
 
-GENERATOR = "shaftpose.rendering.generator"  # the module that creates the images
+# The modules that create the images and write them.
+MODULES = ("shaftpose.rendering.generator", "shaftpose.core.shard_writer")
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def software() -> str:
     digest = hashlib.sha256()
     for package in ("bpy", "opencv-python-headless", "numpy", "trimesh"):
         digest.update(f"{package} {version(package)}".encode())
-    for path in source_files([GENERATOR]):
+    for path in source_files(MODULES):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
