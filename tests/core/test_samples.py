@@ -14,6 +14,10 @@ from shaftpose.core.shards import ShardedDataset
 from tests.core.small_shards import CAMERA, make_sample, read_member, write_shard
 
 
+def test_keys_sort_as_their_numbers() -> None:
+    assert sample_key(42) == "000000042"
+
+
 def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
     path = tmp_path / shard_name(0)
     write_shard(path, [make_sample(0)])

@@ -13,6 +13,10 @@ from shaftpose.core.shards import is_whole
 from tests.core.small_shards import make_sample, write_shard
 
 
+def test_shards_are_numbered() -> None:
+    assert shard_name(3) == "shard-000003.tar"
+
+
 def test_the_same_samples_are_the_same_bytes(tmp_path: Path) -> None:
     for folder in ("a", "b"):
         write_shard(tmp_path / folder / "shard-000000.tar", [make_sample(0), make_sample(1)])

@@ -1,4 +1,7 @@
-"""Writing of shards: whole, or not at all."""
+"""Writing of shards: whole, or not at all.
+
+The bytes of a shard depend on its samples alone: no time stamps, no user names.
+"""
 
 import io
 import os

@@ -2,8 +2,7 @@
 
 A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
 `.mask.json` and `.mask_visib.json` (run lengths) and our own `.shaft.json`; see
-docs/data_format.md. The bytes of a shard depend on its samples alone: no time stamps, no user
-names.
+docs/data_format.md.
 """
 
 import json
@@ -142,7 +141,7 @@ class ShardedDataset:
         try:
             return path, location.read()
         except OSError as error:
-            raise InputError(_unreadable(path, error)) from error
+            raise _unreadable(path, error) from error
 
     def _location(self, key: str, suffix: str) -> Location:
         try:
@@ -161,21 +160,26 @@ def render_anew(shards: Iterable[Path]) -> str:
     return f"delete {names} in all folders of data/scratch, then {_RENDER}"
 
 
+class _DamagedShardError(InputError):
+    """A shard that is truncated, or whose headers are damaged."""
+
+
 def is_whole(path: Path) -> bool:
     """Whether a shard's headers are intact and nothing is truncated. The members' content is not
-    checked."""
+    checked. Raises InputError if it cannot be read."""
     try:
         _read_index(path)
-    except InputError:
+    except _DamagedShardError:
         return False
     return True
 
 
 def holds(path: Path, keys: Iterable[str]) -> bool:
-    """Whether a shard is complete: it holds all members of the samples `keys`, and no others."""
+    """Whether a shard is complete: it holds all members of the samples `keys`, and no others.
+    Raises InputError if it cannot be read."""
     try:
         names = _read_index(path).keys()
-    except InputError:
+    except _DamagedShardError:
         return False
     return names == {f"{key}.{suffix}" for key in keys for suffix in SUFFIXES}
 
@@ -191,11 +195,11 @@ def _read_index(path: Path) -> dict[str, Location]:
         end = max((m.offset + m.size for m in members.values()), default=0)
         whole = _ends_as_written(path, end)
     except OSError as error:
-        raise InputError(_unreadable(path, error)) from error
+        raise _unreadable(path, error) from error
     except tarfile.TarError as error:
-        raise InputError(_damaged(path)) from error
+        raise _damaged(path) from error
     if not whole:
-        raise InputError(_damaged(path))
+        raise _damaged(path)
     return members
 
 
@@ -209,12 +213,12 @@ def _ends_as_written(path: Path, end: int) -> bool:
     return (end + len(rest)) % tarfile.RECORDSIZE == 0 and blocks >= 2 and not any(rest)
 
 
-def _unreadable(path: Path, error: OSError) -> str:
-    return f"{path}: cannot be read ({error.strerror}); {render_anew([path])}"
+def _unreadable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be read ({error.strerror}); {render_anew([path])}")
 
 
-def _damaged(path: Path) -> str:
-    return f"{path}: the shard is truncated or damaged; {_RENDER}"
+def _damaged(path: Path) -> _DamagedShardError:
+    return _DamagedShardError(f"{path}: the shard is truncated or damaged; {_RENDER}")
 
 
 def shard_paths(folder: Path) -> list[Path]:
