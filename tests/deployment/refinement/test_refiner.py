@@ -44,11 +44,25 @@ def test_poses_and_boxes_are_those_of_the_silhouette(name: str) -> None:
 def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tip nearer to the camera than the shaft's radius and 1 mm has no contour, thus no box."""
     lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
-    monkeypatch.setattr(Refiner, "_fit", lambda *_: lost)
+    monkeypatch.setattr(Refiner, "_fits", lambda *_: [lost])
     mask = soft_mask(POSES[0])
     found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[0]))
     np.testing.assert_array_equal(found.poses, POSES[:1])
     assert np.isnan(found.deviations).all()
+
+
+def test_if_edges_lead_out_of_sight_the_fit_to_the_mask_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    monkeypatch.setattr(Refiner, "_on_edges", lambda *_: lost)
+    mask = soft_mask(POSES[0])
+    both = [
+        Refiner(SHAFT, CAMERA, edges)(grey(mask), mask, detections(POSES[0] + OFF))
+        for edges in (None, EDGES["edges"])
+    ]
+    np.testing.assert_array_equal(both[1].poses, both[0].poses)
+    np.testing.assert_array_equal(both[1].boxes, both[0].boxes)
 
 
 def test_edges_of_the_image_correct_a_wrong_mask() -> None:

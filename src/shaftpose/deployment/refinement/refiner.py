@@ -55,8 +55,8 @@ class Refiner:
 
         rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view; fine:
         (k H, k W, 3), the same view in more pixels, whose edges are more exact. A detection keeps
-        its pose if the fit finds too few edges or leads out of sight, and its box also if the tip
-        is not flat: the contour has only lines then.
+        its pose if the fits find too few edges or lead out of sight, and its box also if the tip is
+        not flat: the contour has only lines then.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
@@ -80,15 +80,15 @@ class Refiner:
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
-            if (fit := self._fit(start, mask, pictures)) is None:
-                continue
-            points = shaft_contour(fit.pose, self.shaft, self.camera).points
-            if not len(points):  # the last step has led out of sight
-                continue
-            poses[row] = fit.pose
-            deviations[row] = np.sqrt(np.diag(fit.covariance()))
-            if self.shaft.flat_tip:
-                boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
+            for fit in reversed(self._fits(start, mask, pictures)):
+                points = shaft_contour(fit.pose, self.shaft, self.camera).points
+                if not len(points):  # the last step has led out of sight
+                    continue
+                poses[row] = fit.pose
+                deviations[row] = np.sqrt(np.diag(fit.covariance()))
+                if self.shaft.flat_tip:
+                    boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
+                break
         scores = np.array(
             [
                 supported(score, pose, mask, self.shaft, self.camera)
@@ -97,19 +97,21 @@ class Refiner:
         )
         return FittedDetections(boxes, scores, poses, deviations)
 
-    def _fit(
+    def _fits(
         self, start: Array, mask: NDArray[np.float32], pictures: Sequence[NDArray[np.float32]]
-    ) -> Fit | None:
-        """The fit to the mask, and from there to the edges of each picture in turn."""
+    ) -> list[Fit]:
+        """The fit to the mask, and from there to the edges of each picture in turn; those that fail
+        are left out, all if it is the first."""
         in_mask = partial(mask_offsets, mask)
         held = np.diag(_NETWORK_PRIOR**-2)
         known = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _MASK_ERRORS, held)
-        if known is None or self.edges is None:
-            return known
-        fit = known
-        for picture in pictures:
-            fit = self._on_edges(picture, fit, known) or fit
-        return fit
+        if known is None:
+            return []
+        fits = [known]
+        for picture in pictures if self.edges is not None else ():
+            if (fit := self._on_edges(picture, fits[-1], known)) is not None:
+                fits.append(fit)
+        return fits
 
     def _on_edges(self, picture: NDArray[np.float32], start: Fit, known: Fit) -> Fit | None:
         """The fit to the edges of a picture, held by what the mask made known."""
