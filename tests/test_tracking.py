@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import mlflow
@@ -15,19 +16,19 @@ def test_a_queued_experiment_tracks_in_the_users_own_copy() -> None:
     assert tracking.workspace(Path("/home/me/p")) == Path("/home/me/p")
 
 
-def test_a_server_that_does_not_answer_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)  # the lock is there
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "http://127.0.0.1:9",  # the port to which nobody listens
+        "sqlite:////proc/none/mlflow.db",
+        "none://127.0.0.1",
+    ],
+)
+@pytest.mark.usefixtures("store")
+def test_a_store_that_cannot_be_used_is_named(uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    uri = mlflow.get_tracking_uri()
-    try:
-        with pytest.raises(
-            InputError, match=r"MLflow at http://127\.0\.0\.1:9, experiment trials: "
-        ):
-            tracking.connect("http://127.0.0.1:9", "trials")  # the port to which nobody listens
-    finally:
-        mlflow.set_tracking_uri(uri)
+    with pytest.raises(InputError, match=rf"^MLflow at {re.escape(uri)}, experiment trials: "):
+        tracking.connect(uri, "trials")
 
 
 def test_a_deleted_experiment_is_named(store: Path) -> None:

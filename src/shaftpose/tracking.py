@@ -45,8 +45,8 @@ def connect(uri: str | None, experiment: str) -> str:
     """Select server and experiment for this process; return the URI.
 
     uri: an MLflow server; None selects MLFLOW_TRACKING_URI if set, else `mlflow.db` in the project
-    folder, with artifacts in `mlruns`. Raises InputError if the server does not answer as one, or
-    if the experiment was deleted.
+    folder, with artifacts in `mlruns`. Raises InputError if the server or the database cannot be
+    used, or if the experiment was deleted.
     """
     root = workspace(Path.cwd())
     uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
@@ -59,10 +59,10 @@ def connect(uri: str | None, experiment: str) -> str:
             if mlflow.get_experiment_by_name(experiment) is None:
                 mlflow.create_experiment(experiment, artifact_location=location)
             mlflow.set_experiment(experiment)
-    except MlflowException as error:
+    except (MlflowException, OSError, ImportError) as error:
         raise InputError(
-            f"MLflow at {uri}, experiment {experiment}: {error}; see that the server runs, or name "
-            "another in tracking.uri or MLFLOW_TRACKING_URI"
+            f"MLflow at {uri}, experiment {experiment}: {error}; mend this, or set another "
+            "tracking.uri (MLFLOW_TRACKING_URI) or tracking.experiment"
         ) from error
     return uri
 
