@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import subprocess
 import sys
@@ -268,8 +269,20 @@ def test_names_on_standard_input_need_not_be_utf_8(
     done = subprocess.run(
         [*command, "--model", str(model), "--format", "csv"],
         input=b"caf\xe9.png\n", cwd=tmp_path, capture_output=True, check=True,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
     )  # fmt: skip
     assert b"caf\xe9.png,0,0.75" in done.stdout
+
+
+def test_standard_input_is_left_alone_unless_named(
+    model: Path, frame: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python refuses to change what has been read from."""
+    read = io.TextIOWrapper(io.BytesIO(b"one\ntwo\n"), encoding="utf-8")
+    read.readline()
+    monkeypatch.setattr("sys.stdin", read)
+    main(["predict", str(frame), "--model", str(model)])
+    assert read.readline() == "two\n"
 
 
 def test_unreadable_images_are_reported_and_the_rest_goes_on(

@@ -84,12 +84,12 @@ def test_another_size_begins_another_video(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fps", [211.222, 239.999, 1.0, 23.976, 60000 / 1001])
 def test_all_rates_of_videos_can_be_written(tmp_path: Path, fps: float) -> None:
-    """The fraction that OpenCV makes of 211.222 has a denominator that MPEG-4 refuses."""
+    """The fraction that OpenCV makes of 211.222 has a numerator that MPEG-4 refuses."""
     with annotated_files(tmp_path) as files:
         for number in range(2):
             files.add(Frame("clip.avi", number, grey(40), fps), [])
     written = cv2.VideoCapture(str(tmp_path / "clip.mp4")).get(cv2.CAP_PROP_FPS)
-    assert written == pytest.approx(fps, abs=0.01)
+    assert written == pytest.approx(fps, abs=0.003)
 
 
 def test_a_video_that_does_not_fit_is_named(tmp_path: Path) -> None:
@@ -101,6 +101,18 @@ def test_a_video_that_does_not_fit_is_named(tmp_path: Path) -> None:
     ):
         for number in range(3):
             files.add(Frame("clip.avi", number, noise, 10.0), [])
+
+
+def test_an_incomplete_video_does_not_hide_what_ended_prediction(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
+    with (
+        pytest.raises(UnwritableError, match=r"^predictions\.jsonl"),
+        longest_file(10_000),
+        annotated_files(tmp_path) as files,
+    ):
+        for number in range(3):
+            files.add(Frame("clip.avi", number, noise, 10.0), [])
+        raise UnwritableError("predictions.jsonl: cannot be written")
 
 
 def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) -> None:

@@ -73,3 +73,9 @@ def test_a_camera_that_ends_is_reported(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_camera_that_is_not_there_is_named() -> None:
     with pytest.raises(InputError, match="^camera 9999: cannot be opened"):
         next(LiveStream(9999).frames())
+
+
+def test_an_address_that_opencv_cannot_take_is_named() -> None:
+    """OpenCV would crash the process."""
+    with pytest.raises(InputError, match=r"^rtsp://caf.*must be UTF-8"):
+        next(LiveStream("rtsp://caf\udce9/x").frames())

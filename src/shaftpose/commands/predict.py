@@ -120,7 +120,7 @@ def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
 
 def named_sources(names: Sequence[str]) -> Iterable[Source]:
     """The sources; a list unless standard input names some."""
-    if isinstance(sys.stdin, TextIOWrapper):
+    if "-" in names and isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
     found = sources(names, sys.stdin)
     return found if "-" in names else list(found)

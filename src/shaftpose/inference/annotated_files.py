@@ -10,8 +10,8 @@ from shaftpose.core.images import Image, write_jpeg
 from shaftpose.inference.drawing import draw_shafts
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.unwritable import UnwritableError, naming_unwritable
-from shaftpose.inference.video_files import opencv_name, stated_length
+from shaftpose.inference.unwritable import UnwritableError, incomplete, naming_unwritable
+from shaftpose.inference.video_files import opencv_takes, stated_length
 
 
 class AnnotatedFiles:
@@ -45,6 +45,11 @@ class AnnotatedFiles:
             self._video.close()
             self._video = None
 
+    def release(self) -> None:
+        """Finish the last video as it is."""
+        if self._video is not None:
+            self._video.release()
+
     def _video_of(self, frame: Frame, fps: float) -> "AnnotatedVideo":
         """The video that a frame continues, or a new one."""
         if self._video is None or not self._video.is_continued_by(frame):
@@ -58,14 +63,13 @@ class AnnotatedVideo:
     """An MP4 file of a video. Raises UnwritableError naming it if it cannot be created."""
 
     def __init__(self, path: Path, first: Frame, fps: float) -> None:
-        name = opencv_name(path)
-        if name is None:
+        if not opencv_takes(str(path)):
             raise UnwritableError(f"{path}: not UTF-8; name another folder by --out")
-        self._name, self._count = name, 0
+        self._name, self._count = str(path), 0
         self._source, self._shape = first.source, first.rgb.shape
         code, size = cv2.VideoWriter.fourcc(*"mp4v"), first.rgb.shape[1::-1]
-        # MPEG-4 takes no rate whose fraction has a denominator above 65,535.
-        self._writer = cv2.VideoWriter(name, code, round(fps, 2), size)
+        # OpenCV writes rates as fractions, of which MPEG-4 takes no numerator above 65,535.
+        self._writer = cv2.VideoWriter(self._name, code, round(fps, 3 if fps < 65 else 2), size)
         if not self._writer.isOpened():
             raise UnwritableError(
                 f"{path}: cannot be written as a video; name another folder by --out"
@@ -78,17 +82,18 @@ class AnnotatedVideo:
 
     def add(self, rgb: Image) -> None:
         """Append a frame."""
-        self._count += 1
         self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        self._count += 1
 
     def close(self) -> None:
         """Finish the file. Raises UnwritableError if it lacks frames: OpenCV does not tell."""
+        self.release()
+        if (stated_length(cv2.VideoCapture(self._name)) or 0) < self._count:
+            raise incomplete(self._name)
+
+    def release(self) -> None:
+        """Finish the file as it is."""
         self._writer.release()
-        if stated_length(cv2.VideoCapture(self._name)) != self._count:
-            raise UnwritableError(
-                f"{self._name}: not complete; name another folder by --out, on a disk with room; "
-                "the other results are kept"
-            )
 
 
 @contextmanager
@@ -101,7 +106,8 @@ def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
     try:
         yield files
     finally:
-        files.close()
+        files.release()
+    files.close()
 
 
 def unused(folder: Path, stem: str, suffix: str) -> Path:

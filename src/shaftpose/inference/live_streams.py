@@ -9,7 +9,7 @@ import cv2
 
 from shaftpose.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
-from shaftpose.inference.video_files import frame_rate
+from shaftpose.inference.video_files import frame_rate, opencv_takes
 
 _PATIENCE_S = 2.0  # for a read that blocks when the stream is closed
 
@@ -91,8 +91,10 @@ class LiveStream:
         Raises InputError naming it if it shows nothing, or if it is a camera, which does not end by
         itself.
         """
-        # Two overloads of VideoCapture, by index and by name.
         address = self.address
+        if isinstance(address, str) and not opencv_takes(address):
+            raise InputError(f"{address}: a stream's address must be UTF-8; write %XX for others")
+        # Two overloads of VideoCapture, by index and by name.
         capture = (
             cv2.VideoCapture(address) if isinstance(address, int) else cv2.VideoCapture(address)
         )

@@ -13,7 +13,7 @@ from shaftpose.inference.drawing import shaft_text
 from shaftpose.inference.found_shafts import Array, FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.outputs import Write
-from shaftpose.inference.unwritable import UnwritableError, naming_unwritable
+from shaftpose.inference.unwritable import incomplete, naming_unwritable
 
 _NAME, _TIMELINE = "predictions.rrd", "frame"
 _CAMERA, _IMAGE = "camera", "camera/image"
@@ -86,10 +86,7 @@ def rerun_file(
         recording.flush()
         recording.disconnect()
     if not _is_complete(path):
-        raise UnwritableError(
-            f"{path}: not complete, see Rerun's message; name another folder by --out, on a disk "
-            "with room; the other results are kept"
-        )
+        raise incomplete(path)
 
 
 def _is_complete(path: Path) -> bool:

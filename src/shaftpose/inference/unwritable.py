@@ -10,6 +10,14 @@ class UnwritableError(InputError):
     """Results cannot be written: unlike an unreadable image, this would befall all that follow."""
 
 
+def incomplete(path: object) -> UnwritableError:
+    """The error of a file whose writer does not say what it could not write."""
+    return UnwritableError(
+        f"{path}: not complete; name another folder by --out, on a disk with room; the other "
+        "results are kept"
+    )
+
+
 @contextmanager
 def naming_unwritable(path: object) -> Iterator[None]:
     """Turn the system's refusal to write a file into an UnwritableError naming it. A closed pipe

@@ -31,8 +31,7 @@ class VideoFile:
     @property
     def length(self) -> int | None:
         """The number of frames that the header states; None if it states none."""
-        name = opencv_name(self.path)
-        return None if name is None else stated_length(cv2.VideoCapture(name))
+        return stated_length(cv2.VideoCapture(self.name)) if opencv_takes(self.name) else None
 
     def frames(self) -> Iterator[Frame]:
         """All frames. Raises InputError naming the file if it is no video or ends early."""
@@ -41,10 +40,9 @@ class VideoFile:
                 f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
                 "number"
             )
-        name = opencv_name(self.path)
-        if name is None:
+        if not opencv_takes(self.name):
             raise InputError(f"{self.path}: a video's name must be UTF-8; rename it")
-        capture = cv2.VideoCapture(name)
+        capture = cv2.VideoCapture(self.name)
         if not capture.isOpened():
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
         fps, stated, number = frame_rate(capture), stated_length(capture) or 0, 0
@@ -58,15 +56,13 @@ class VideoFile:
             )
 
 
-def opencv_name(path: Path) -> str | None:
-    """The path as OpenCV's video functions take it; None if it is not UTF-8, at which they crash
-    the process."""
-    name = str(path)
+def opencv_takes(name: str) -> bool:
+    """Whether a name is UTF-8: at others, OpenCV's video functions crash the process."""
     try:
         name.encode()
     except UnicodeEncodeError:
-        return None
-    return name
+        return False
+    return True
 
 
 def stated_length(capture: cv2.VideoCapture) -> int | None:
