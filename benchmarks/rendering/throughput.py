@@ -12,7 +12,7 @@ from distributed import Client
 
 from benchmarks.rendering.common import SCRATCH, default_settings
 from shaftpose.core.shards import shard_paths
-from shaftpose.farm.cluster import connect
+from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.render_sets import render_set
 from shaftpose.rendering.rendered_set import RenderedSet
 
@@ -74,7 +74,7 @@ def _block(rendered: RenderedSet, folder: Path, workers: int) -> Block:
     """Render the missing shards of a set in `folder`, one per worker."""
     cluster = replace(default_settings().cluster, workers=workers, address=None, slurm=None)
     start = time()
-    with connect(cluster) as client:
+    with cluster_client(cluster) as client:
         connected = time()
         with TemporaryDirectory(dir=SCRATCH) as first:
             _render(_part(rendered, workers, 1), Path(first), client, cluster.hang_s)

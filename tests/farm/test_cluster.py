@@ -14,7 +14,7 @@ from distributed import Client, LocalCluster
 
 from shaftpose.errors import InputError
 from shaftpose.farm import workers
-from shaftpose.farm.cluster import connect, slurm_cluster
+from shaftpose.farm.cluster import cluster_client, slurm_cluster
 from shaftpose.settings.parts import ClusterSettings, SlurmSettings
 
 SLURM = SlurmSettings(queue="long", cores=32, memory="64GB", walltime="12:00:00", jobs=4)
@@ -26,7 +26,7 @@ def settings(workers: int = 1, address: str | None = None, slurm: SlurmSettings 
 
 def test_workers_of_this_machine_have_one_thread_each_and_listen_to_it_alone() -> None:
     before = set(psutil.Process().children(recursive=True))
-    with connect(settings(workers=2)) as client:
+    with cluster_client(settings(workers=2)) as client:
         assert list(client.nthreads().values()) == [1, 1]
         own = {psutil.Process(), *psutil.Process().children(recursive=True)}
         listening = {
@@ -50,7 +50,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(workers, "_ANSWER_S", 0.2)
     with (
         pytest.raises(InputError, match=r"^tcp://127\.0\.0\.1:9: no Dask"),
-        connect(settings(address="tcp://127.0.0.1:9")),
+        cluster_client(settings(address="tcp://127.0.0.1:9")),
     ):
         pass
 
@@ -58,7 +58,7 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 def test_a_scheduler_without_workers_is_warned_of(caplog: pytest.LogCaptureFixture) -> None:
     with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as idle:
         address = idle.scheduler_address
-        with connect(settings(address=address)):
+        with cluster_client(settings(address=address)):
             pass
     (warning,) = (r.getMessage() for r in caplog.records if r.name == workers.__name__)
     assert warning.startswith(f"{address}: the scheduler has no workers yet")
@@ -81,7 +81,7 @@ def test_a_worker_without_shaftpose_is_named(tmp_path: Path) -> None:
                     client.wait_for_workers(1, timeout=60)
                 with (
                     pytest.raises(InputError, match=r"no shaftpose on this Dask worker \(1 of 1\)"),
-                    connect(settings(address=address)),
+                    cluster_client(settings(address=address)),
                 ):
                     pass
             finally:
@@ -91,7 +91,7 @@ def test_a_worker_without_shaftpose_is_named(tmp_path: Path) -> None:
 def test_an_address_that_is_none_is_named() -> None:
     with (
         pytest.raises(InputError, match="carrier-pigeon://nowhere: no Dask"),
-        connect(settings(address="carrier-pigeon://nowhere")),
+        cluster_client(settings(address="carrier-pigeon://nowhere")),
     ):
         pass
 
@@ -100,7 +100,10 @@ def test_a_machine_without_slurm_is_told(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(InputError, match="sbatch is missing here"), connect(settings(slurm=SLURM)):
+    with (
+        pytest.raises(InputError, match="sbatch is missing here"),
+        cluster_client(settings(slurm=SLURM)),
+    ):
         pass
 
 
@@ -121,7 +124,7 @@ def test_jobs_that_slurm_refuses_end_the_run_with_its_words(
     with (
         pytest.raises(InputError, match="Slurm refuses such jobs: allocation failure: invalid "
                       "partition specified: long; correct the settings"),
-        connect(settings(slurm=SLURM)),
+        cluster_client(settings(slurm=SLURM)),
     ):  # fmt: skip
         pass
     assert (tmp_path / "asked").read_text() == "--test-only\n"  # and no job was submitted

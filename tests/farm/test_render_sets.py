@@ -25,8 +25,9 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.errors import InputError
 from shaftpose.farm import render_sets
 from shaftpose.farm import workers as dask_workers
-from shaftpose.farm.cluster import connect
-from shaftpose.farm.render_sets import ATTEMPTS, render_set
+from shaftpose.farm.cluster import cluster_client
+from shaftpose.farm.render_sets import render_set
+from shaftpose.farm.shard_task import ATTEMPTS
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
 from shaftpose.settings.parts import ClusterSettings, RenderSettings
@@ -39,7 +40,7 @@ RENDER_SET = """
 import signal
 import sys
 from shaftpose.settings.parts import ClusterSettings
-from shaftpose.farm.cluster import connect
+from shaftpose.farm.cluster import cluster_client
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.farm.render_sets import render_set
 if __name__ == "__main__":
@@ -48,7 +49,7 @@ if __name__ == "__main__":
     rendered = RenderedSet(settings, sources, seed, images, per_shard)
     cluster = ClusterSettings(workers=1, address=address, slurm=None, hang_s=600.0)
     try:
-        with connect(cluster) as client:
+        with cluster_client(cluster) as client:
             render_set(rendered, Path("scratch"), Path("out"), client, cluster.hang_s)
     except KeyboardInterrupt:
         sys.exit("interrupted")
@@ -58,7 +59,7 @@ if __name__ == "__main__":
 @contextmanager
 def workers(count: int, address: str | None = None) -> Iterator[Client]:
     settings = ClusterSettings(workers=count, address=address, slurm=None, hang_s=1.0)
-    with connect(settings) as client:
+    with cluster_client(settings) as client:
         yield client
 
 

@@ -41,7 +41,7 @@ def main() -> None:
     try:
         with naming_full_disk(shard.path.parent):
             _send_output_to(shard.log)
-            render_shard(read_set(shard.path.parent), shard, progress)
+            write_images(read_set(shard.path.parent), shard, progress)
     except InputError as error:
         print(f"{COMPLAINT}{error}", file=progress)
         sys.exit(1)
@@ -49,7 +49,7 @@ def main() -> None:
         progress.close()  # signals the end to the parent, even if Blender hangs on exit
 
 
-def render_shard(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
+def write_images(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
     """Write all images of a shard, and a line to `progress` after each."""
     generator = start_generator(rendered)
     with ShardWriter(shard.path, rendered.settings.jpeg_quality) as writer:

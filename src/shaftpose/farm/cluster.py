@@ -27,7 +27,7 @@ _JOB_LOGS = "outputs/slurm"
 
 
 @contextmanager
-def connect(settings: ClusterSettings) -> Iterator[Client]:
+def cluster_client(settings: ClusterSettings) -> Iterator[Client]:
     """A client of the settings' workers; workers started for it end with it.
 
     Raises InputError if the scheduler does not answer, one of its workers has no shaftpose or Slurm

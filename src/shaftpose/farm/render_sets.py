@@ -11,15 +11,13 @@ from distributed import Client, Future, KilledWorker, as_completed
 from tqdm import tqdm
 
 from shaftpose.errors import InputError
-from shaftpose.farm.cluster import connect
+from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.set_folder import link_shards, write_set
-from shaftpose.farm.shard_task import Run, render_shard
+from shaftpose.farm.shard_task import RunParameters, render_shard
 from shaftpose.files import naming_full_disk
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
 from shaftpose.settings.parts import ClusterSettings
-
-ATTEMPTS = 3  # per shard, if Blender crashes or hangs
 
 logger = logging.getLogger(__name__)
 
@@ -28,7 +26,7 @@ def render_sets(
     sets: Mapping[str, RenderedSet], cluster: ClusterSettings, scratch: Path, out: Path
 ) -> None:
     """Render each set into the subfolder of `out` with its name; see `render_set`."""
-    with connect(cluster) as client:
+    with cluster_client(cluster) as client:
         for name, rendered in sets.items():
             render_set(rendered, scratch, out / name, client, cluster.hang_s)
             logger.info("%d images are in %s", rendered.images, out / name)
@@ -53,7 +51,7 @@ def render_set(
         missing = [shard for shard in shards if not _is_finished(shard)]
         logger.info("rendering %d of %d shards in %s", len(missing), len(shards), folder)
         write_set(rendered, folder)
-        _render(missing, Run(software(), str(folder), hang_s), client)
+        _render(missing, RunParameters(software(), str(folder), hang_s), client)
         with naming_full_disk(out):
             link_shards(shards, out)
 
@@ -66,12 +64,12 @@ def _is_finished(shard: Shard) -> bool:
     return finished
 
 
-def _render(shards: Sequence[Shard], run: Run, client: Client) -> None:
+def _render(shards: Sequence[Shard], run: RunParameters, client: Client) -> None:
     total = sum(shard.count for shard in shards)
     with tqdm(total=total, desc="rendering", unit="image", disable=not total) as bar:
         progress = _Progress(bar)
         client.subscribe_topic(run.topic, progress.on_event)
-        futures = client.map(render_shard, shards, run=run, pure=False, retries=ATTEMPTS - 1)
+        futures = client.map(render_shard, shards, run=run, pure=False)
         try:
             tasks = as_completed(futures, loop=client.loop)
             _await(tasks, dict(zip(futures, shards, strict=True)), progress)
@@ -85,7 +83,7 @@ def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Pro
     for future in tasks:
         shard = shards[future]
         try:
-            complaint = future.result()
+            future.result()
         except KilledWorker as error:
             raise InputError(
                 f"{shard.path.name}: every Dask worker that rendered it died; see {shard.log}"
@@ -94,8 +92,6 @@ def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Pro
             raise InputError(
                 "the connection to the Dask scheduler is lost; run again to continue"
             ) from error
-        if complaint:
-            raise InputError(complaint)
         progress.show(shard.path.name, shard.count)
 
 

@@ -1,6 +1,7 @@
 """The task of a Dask worker: one shard, rendered by Blender in a monitored subprocess.
 
-A crash, a hang or a memory leak of Blender is confined to the subprocess.
+A crash, a hang or a memory leak of Blender is confined to the subprocess, which is then started
+again. Dask itself retries a task only if its worker died.
 """
 
 import signal
@@ -21,14 +22,22 @@ from shaftpose.errors import InputError
 from shaftpose.farm.blender_process import COMPLAINT, IMAGE_DONE, WARNING
 from shaftpose.rendering.rendered_set import Shard, software
 
+ATTEMPTS = 3  # per shard, if Blender crashes or hangs
 _POLL_S = 0.5  # how soon a cancelled task is noticed
 _REPORT_S = 2.0  # reports of a thousand workers must not keep the scheduler busy
 _EXIT_S = 10.0  # Blender may hang or crash on exit, after its shard is finished
 
+# Receives the number of finished images ("images") or a warning ("trouble").
+Report = Callable[[dict[str, str | int]], None]
+
+
+class BlenderCrash(Exception):
+    """Blender crashed or hung: another attempt may succeed."""
+
 
 @dataclass(frozen=True)
-class Run:
-    """Parameters shared by the tasks of one run.
+class RunParameters:
+    """Parameters shared by all tasks of one run.
 
     software: see `rendered_set.software`; it must be the same on all machines. topic: of the tasks'
     report events. hang_s: seconds without a finished image after which Blender is killed.
@@ -39,20 +48,20 @@ class Run:
     hang_s: float
 
 
-def render_shard(shard: Shard, run: Run) -> str:
+def render_shard(shard: Shard, run: RunParameters) -> None:
     """Render one shard unless it is finished.
 
-    Returns a one-line error that a retry would not fix, else "". Raises InputError if Blender
-    crashed or hung, so that Dask retries.
+    Raises InputError if this machine has other software, an image cannot be rendered, or Blender
+    crashed or hung in all attempts.
     """
     if run.software != software():
-        return (
+        raise InputError(
             f"{socket.gethostname()}: shaftpose, Blender, OpenCV, numpy or trimesh differ from "
             "those on the machine that started the run; install the same versions"
         )
     # Dask repeats a task whose result was lost with a worker: its shard may be finished.
     if shard.is_finished():
-        return ""
+        return
     worker = get_worker()
     key = worker.get_current_task()
 
@@ -63,11 +72,7 @@ def render_shard(shard: Shard, run: Run) -> str:
     def report(event: dict[str, str | int]) -> None:
         worker.log_event(run.topic, {"shard": shard.path.name, **event})
 
-    try:
-        return run_blender(_command(shard), shard, run.hang_s, is_wanted, report)
-    except InputError as error:
-        report({"trouble": str(error)})
-        raise
+    run_with_retries(_command(shard), shard, run.hang_s, is_wanted, report)
 
 
 def _command(shard: Shard) -> list[str]:
@@ -75,44 +80,53 @@ def _command(shard: Shard) -> list[str]:
     return [sys.executable, "-m", "shaftpose.farm.blender_process", *map(str, arguments)]
 
 
-def run_blender(
-    command: list[str],
-    shard: Shard,
-    hang_s: float,
-    is_wanted: Callable[[], bool],
-    report: Callable[[dict[str, str | int]], None],
-) -> str:
-    """Run a worker process to its end; returns and raises what `render_shard` does.
+def run_with_retries(
+    command: list[str], shard: Shard, hang_s: float, is_wanted: Callable[[], bool], report: Report
+) -> None:
+    """Render a shard in a subprocess; start it again if Blender crashes or hangs.
 
-    is_wanted: once it returns False, the process is killed and CancelledError raised. report:
-    receives the number of finished images.
+    is_wanted: once it returns False, the process is killed and CancelledError raised. Raises
+    InputError if an image cannot be rendered, or if all attempts crashed or hung.
     """
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
-    with process:
+    for left in reversed(range(ATTEMPTS)):
+        try:
+            _run(command, shard, hang_s, is_wanted, report)
+            return
+        except BlenderCrash as crash:
+            if not left:
+                raise InputError(str(crash)) from crash
+            report({"trouble": str(crash)})
+
+
+def _run(
+    command: list[str], shard: Shard, hang_s: float, is_wanted: Callable[[], bool], report: Report
+) -> None:
+    """Run a rendering process once, to its end."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, bufsize=0) as process:
         try:
             assert process.stdout
             complaint = _follow(process.stdout, hang_s, is_wanted, report)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_EXIT_S)
         except TimeoutError as error:
-            if not shard.is_finished():
-                raise InputError(
-                    f"{shard.path.name}: Blender finished no image for {hang_s:g} s and was killed;"
-                    f" see {shard.log}; set cluster.hang_s in params.yaml above the slowest image"
-                ) from error
-            complaint = ""
+            if shard.is_finished():
+                return
+            raise BlenderCrash(
+                f"{shard.path.name}: Blender finished no image for {hang_s:g} s and was killed; "
+                f"see {shard.log}; set cluster.hang_s in params.yaml above the slowest image"
+            ) from error
         finally:
             process.kill()
-    return "" if shard.is_finished() else _failure(process.returncode, shard, complaint)
+    if not shard.is_finished():
+        raise _failure(process.returncode, shard, complaint)
 
 
-def _follow(
-    output: IO[bytes],
-    hang_s: float,
-    is_wanted: Callable[[], bool],
-    report: Callable[[dict[str, str | int]], None],
-) -> str:
-    """Read a process's output until it ends; returns its error message, if any."""
+def _follow(output: IO[bytes], hang_s: float, is_wanted: Callable[[], bool], report: Report) -> str:
+    """Read a process's output until it ends; return its error message, if any.
+
+    Raises TimeoutError if the process hangs.
+    """
     images, complaint = 0, ""
     heard = reported = time.monotonic()
     while is_wanted():
@@ -137,12 +151,13 @@ def _follow(
     raise CancelledError
 
 
-def _failure(status: int, shard: Shard, complaint: str) -> str:
+def _failure(status: int, shard: Shard, complaint: str) -> Exception:
+    """The error of a process that ended without finishing its shard."""
     if complaint:  # known even if Blender then crashed, or hung and was killed
-        return complaint
+        return InputError(complaint)
     if status < 0:
-        raise InputError(
+        return BlenderCrash(
             f"{shard.path.name}: Blender was ended by {signal.Signals(-status).name} (SIGKILL: "
             f"often out of memory); see {shard.log}"
         )
-    return f"rendering {shard.path.name} failed; see {shard.log}"
+    return InputError(f"rendering {shard.path.name} failed; see {shard.log}")

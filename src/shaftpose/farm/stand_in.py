@@ -5,7 +5,7 @@ from pathlib import Path
 from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import write_coco
 from shaftpose.dataset.stand_in import read_samples
-from shaftpose.farm.cluster import connect
+from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_set
 from shaftpose.rendering.stand_in_sets import stand_in_sets
@@ -23,7 +23,7 @@ def write_stand_in(
     """Render the sets in `scratch`; write `images/`, `train.json` and `test.json` to `out`."""
     folder, samples = scratch / "stand-in", {}
     # A second run would overwrite the backgrounds that the first one reads.
-    with alone_in(folder, scratch), connect(cluster) as client:
+    with alone_in(folder, scratch), cluster_client(cluster) as client:
         for name, rendered in stand_in_sets(settings, size, seed, folder).items():
             render_set(rendered, scratch, folder / name, client, cluster.hang_s)
             samples[name] = list(read_samples(folder / name, name))
