@@ -50,9 +50,6 @@ report: $(READY)  ## update the report, one stage at a time
 variant-%: $(READY)  ## train one of `variants` on existing data, as in `make variant-d`
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
-preset-%: $(READY)  ## write the values of a file of conf/presets into params.yaml, as in `make preset-real`
-	python tools/apply_preset.py conf/presets/$*.yaml
-
 # A file of tests stays in one process, whose costly fixtures its tests share; one thread each, for
 # the processes fill the cores. In the given order, the longest files do not come last.
 test: $(READY)  ## run all tests, a process per core
@@ -91,7 +88,7 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
-	python -m studies.preset_picture conf/presets/real.yaml docs/images/real_preset.jpg
+	python -m studies.preset_picture real docs/images/real_preset.jpg
 	install -m 644 reports/e/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/e/figures/worst_predictions.jpg docs/images/worst_predictions.jpg
 	install -m 644 reports/e/figures/errors_over_bounds.png docs/images/over_bounds.png

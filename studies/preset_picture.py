@@ -1,19 +1,16 @@
 """Render images with a preset, in front of the backgrounds in data/backgrounds.
 
-`python -m studies.preset_picture conf/presets/real.yaml docs/images/real_preset.jpg`
+`python -m studies.preset_picture real docs/images/real_preset.jpg`
 """
 
 import argparse
-import json
 from pathlib import Path
 
-import yaml
 from tqdm import tqdm
 
 from shaftpose.core.drawing import contact_sheet
 from shaftpose.core.images import write_jpeg
 from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.nested import flatten
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
@@ -27,17 +24,12 @@ IMAGES, COLUMNS = 18, 6
 def main() -> None:
     """Write the picture of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("preset", type=Path, help="a file of conf/presets")
+    parser.add_argument("preset", help="the name of a file of conf/preset")
     parser.add_argument("out", type=Path, help="the JPEG file to write")
     arguments = parser.parse_args()
     with exit_on_input_error():
-        draw(preset_settings(arguments.preset), arguments.out)
-
-
-def preset_settings(preset: Path) -> Settings:
-    """The project's settings with the values of a preset."""
-    changes = flatten(yaml.safe_load(preset.read_text()))
-    return composed_settings(ROOT, *(f"{name}={json.dumps(v)}" for name, v in changes.items()))
+        name, out = arguments.preset, arguments.out
+        draw(composed_settings(ROOT, f"preset={name}", f"profile={name}"), out)
 
 
 def draw(settings: Settings, out: Path) -> None:

@@ -137,10 +137,27 @@ def test_the_detector_lists_what_train_lists_but_for_poses_and_real_images() -> 
         text = str(entries(stage, "params")).replace("${item.variant}", "detector")
         return set(re.findall(r"[\w.${}/]+", text))
 
-    assert listed("train") - listed("detector") == {"loss", "${profile}.steps"}
+    of_e = {"shaft", "lens", "lens.distortion"}
+    assert listed("train") - listed("detector") == {"loss", "${profile}.steps", *of_e}
     assert listed("detector") - listed("train") == {"loss.alpha", "${profile}.detector_steps"}
     extra = paths("train", "deps") - paths("detector", "deps")
     assert extra == {"data/real", "models/detector/model.ckpt", f"{PACKAGE}evaluation"}
+
+
+def keys_listed(stage: str, file: str) -> set[str]:
+    """Top-level keys of one file that the stage lists."""
+    of_params = [one for one in entries(stage, "params") if isinstance(one, str)]
+    listed = {"params.yaml": of_params}
+    for entry in entries(stage, "params"):
+        listed |= entry if isinstance(entry, dict) else {}
+    return {key.partition(".")[0] for key in listed.get(file) or []}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_lists_a_section_of_the_preset_with_that_of_params(stage: str) -> None:
+    sections = yaml.safe_load((ROOT / "conf/preset/none.yaml").read_text()).keys()
+    listed = keys_listed(stage, "params.yaml") & sections
+    assert keys_listed(stage, "conf/preset/${preset}.yaml") == listed
 
 
 def test_every_profile_has_the_listed_sizes() -> None:

@@ -6,7 +6,7 @@ from hydra import compose, initialize_config_dir
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from shaftpose.settings.stage import resolved_settings
+from shaftpose.settings.stage import let_params_choose_preset, resolved_settings
 from shaftpose.settings.tree import Settings
 
 
@@ -20,6 +20,7 @@ def composed_settings(root: Path, *overrides: str) -> Settings:
 
 def composed(root: Path, *overrides: str) -> DictConfig:
     """The composed configuration, unchecked, with the output folder `here`."""
+    let_params_choose_preset(root)
     with initialize_config_dir(str(root.resolve() / "conf"), version_base="1.3"):
         config = compose("config", ["out=here", *overrides], return_hydra_config=True)
         HydraConfig.instance().set_config(config)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import hydra
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
@@ -25,6 +26,7 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
     In a sweep only the job fails: Hydra runs the others and exits with status 1.
     """
     root = Path(function.__code__.co_filename).resolve().parents[1]
+    let_params_choose_preset(root)
 
     @functools.wraps(function)
     def run(composed: DictConfig) -> None:
@@ -45,6 +47,16 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
         config_path=str(root / "conf"), config_name="config", version_base="1.3"
     )(run)
     return main
+
+
+def let_params_choose_preset(root: Path) -> None:
+    """Let `${preset:}` in conf/config.yaml be `preset` of params.yaml: Hydra composes the group of
+    this name before it knows any value. `preset=NAME` on the command line overrides it."""
+
+    def preset() -> str:
+        return str(yaml.safe_load((root / "params.yaml").read_text())["preset"])
+
+    OmegaConf.register_new_resolver("preset", preset, replace=True)
 
 
 def last_line(error: InputError) -> str:

@@ -74,7 +74,7 @@ _PARTS: dict[str, type] = {
 }
 # All keys of the top level: of params.yaml, and of conf/config.yaml.
 _KEYS = {
-    *_PARTS, *_RENDERING, "render", "real", "profile", "seed", "variants", "profiles", "size",
+    *_PARTS, *_RENDERING, "render", "real", "profile", "preset", "seed", "variants", "profiles", "size",
     "trainer", "variant", "variant_file", "out", "results", "model_folder",
 }  # fmt: skip
 
