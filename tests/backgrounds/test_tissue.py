@@ -1,14 +1,17 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from shaftpose.backgrounds.tissue import MUCOSA, STAND_IN, TissueLook, render_tissue
+from shaftpose.core.random_streams import streams
 
 SIZE = 96
 
 
 def pictures(look: TissueLook, count: int = 12) -> np.ndarray:
-    return np.stack([render_tissue(np.random.default_rng(k), SIZE, look) for k in range(count)])
+    return np.stack([render_tissue(streams(k), SIZE, look) for k in range(count)])
 
 
 @pytest.fixture(scope="module")
@@ -21,15 +24,15 @@ def stand_in() -> np.ndarray:
     return pictures(STAND_IN)
 
 
-def test_same_generator_same_picture(mucosa: np.ndarray) -> None:
-    again = render_tissue(np.random.default_rng(3), SIZE)
+def test_same_streams_same_picture(mucosa: np.ndarray) -> None:
+    again = render_tissue(streams(3), SIZE)
     assert again.dtype == np.uint8 and again.shape == (SIZE, SIZE, 3)
     assert np.array_equal(again, mucosa[3])
 
 
 @pytest.mark.parametrize("size_px", [31, 160])
 def test_any_size(size_px: int) -> None:
-    assert render_tissue(np.random.default_rng(0), size_px).shape == (size_px, size_px, 3)
+    assert render_tissue(streams(0), size_px).shape == (size_px, size_px, 3)
 
 
 def test_pictures_differ_in_content_not_in_brightness_alone(mucosa: np.ndarray) -> None:
@@ -89,3 +92,11 @@ def test_the_stand_in_is_another_domain(mucosa: np.ndarray, stand_in: np.ndarray
     ratio_mucosa = mucosa[..., 1].mean() / mucosa[..., 0].mean()
     ratio_stand_in = stand_in[..., 1].mean() / stand_in[..., 0].mean()
     assert ratio_stand_in > ratio_mucosa + 0.08
+
+
+def test_fluid_leaves_everything_else_of_a_picture() -> None:
+    dry, wet = (replace(MUCOSA, fluid_chance=chance) for chance in (0.0, 1.0))
+    for seed in range(3):
+        one, other = (render_tissue(streams(seed), SIZE, look).astype(int) for look in (dry, wet))
+        assert not np.array_equal(one, other)
+        assert np.median(np.abs(one - other)) <= 2  # only the hollows differ

@@ -4,7 +4,6 @@ Independent of `core.geometry`, which computes amodal masks: a ray is intersecte
 between the cylinder's ends and with the infinite cylinder, by the distance between two lines.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,13 +54,10 @@ def iou(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 @pytest.fixture(scope="module")
-def poses(
-    camera: Camera, with_scene: Callable[..., RenderSettings], settings: RenderSettings
-) -> list[ShaftPose]:
-    scene = with_scene(instruments=(1, 1)).scene
-    draw = PoseSampler(camera, settings.poses, settings.shaft, scene)
+def poses(camera: Camera, settings: RenderSettings) -> list[ShaftPose]:
+    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
     rng = np.random.default_rng(41)
-    return [draw(rng).poses[0] for _ in range(POSES)]
+    return [draw(rng, 1).poses[0] for _ in range(POSES)]
 
 
 @pytest.fixture(scope="module")

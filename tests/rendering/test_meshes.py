@@ -36,7 +36,7 @@ def outline_of(camera: Camera, pose: ShaftPose) -> NDArray[np.float32] | None:
 def poses(camera: Camera, settings: RenderSettings) -> list[ShaftPose]:
     draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
     rng = np.random.default_rng(9)
-    return [draw(rng).poses[0] for _ in range(10)]
+    return [draw(rng, 1).poses[0] for _ in range(10)]
 
 
 def test_shaft_has_its_size_and_its_tip_at_the_origin() -> None:

@@ -14,7 +14,7 @@ from shaftpose.errors import InputError
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
 from shaftpose.settings.parts import PoseRanges, RenderSettings
 
-IMAGES = 40
+IMAGES = 20  # of one shaft, and as many of two
 STEP_MM = 0.1
 
 
@@ -26,7 +26,7 @@ def sampler(camera: Camera, settings: RenderSettings) -> PoseSampler:
 @pytest.fixture(scope="module")
 def drawn(sampler: PoseSampler) -> list[SampledPoses]:
     rng = np.random.default_rng(1)
-    return [sampler(rng) for _ in range(IMAGES)]
+    return [sampler(rng, count) for count in IMAGES * (1, 2)]
 
 
 def axis_points(pose: ShaftPose, length_mm: float) -> NDArray[np.float64]:
@@ -67,7 +67,7 @@ def test_the_lens_radius_refuses_poses(camera: Camera, settings: RenderSettings)
         camera, settings.poses, settings.shaft, replace(settings.scene, lens_radius_mm=15.0)
     )
     rng = np.random.default_rng(2)
-    for pose in (pose for _ in range(10) for pose in far(rng).poses):
+    for pose in (pose for _ in range(10) for pose in far(rng, 2).poses):
         points = axis_points(pose, settings.shaft.length_mm)
         assert np.linalg.norm(points, axis=1).min() >= 15.0 + settings.shaft.diameter_mm / 2
 
@@ -98,33 +98,25 @@ def test_enough_of_every_shaft_is_visible(
 
 
 def test_the_visibility_threshold_refuses_poses(camera: Camera, settings: RenderSettings) -> None:
-    scene = replace(settings.scene, min_visible_px=6000, instruments=(1, 1))
+    scene = replace(settings.scene, min_visible_px=6000)
     choosy = PoseSampler(camera, settings.poses, settings.shaft, scene)
     rng = np.random.default_rng(4)
     size = settings.shaft.diameter_mm, settings.shaft.length_mm
     for _ in range(5):
-        (pose,) = choosy(rng).poses
+        (pose,) = choosy(rng, 1).poses
         assert np.isfinite(cylinder_depth(camera, pose, *size)).sum() >= 0.85 * 6000
 
 
 def test_a_seed_determines_the_poses(sampler: PoseSampler) -> None:
-    first, again, other = (sampler(np.random.default_rng(seed)) for seed in (5, 5, 6))
+    first, again, other = (sampler(np.random.default_rng(seed), 2) for seed in (5, 5, 6))
     assert first == again
     assert first != other
 
 
-@pytest.mark.parametrize("counts", [(0, 0), (1, 1), (3, 3)])
-def test_a_fixed_count_is_kept(
-    camera: Camera, with_scene: Callable[..., RenderSettings], counts: tuple[int, int]
-) -> None:
-    settings = with_scene(instruments=counts)
-    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_an_image_has_as_many_shafts_as_wanted(sampler: PoseSampler, count: int) -> None:
     rng = np.random.default_rng(7)
-    assert {len(draw(rng).poses) for _ in range(3)} == {counts[0]}
-
-
-def test_every_count_of_the_range_occurs(drawn: list[SampledPoses]) -> None:
-    assert {len(image.poses) for image in drawn} == {1, 2}
+    assert {len(sampler(rng, count).poses) for _ in range(3)} == {count}
 
 
 def test_tries_count_every_drawn_shaft(drawn: list[SampledPoses]) -> None:
@@ -146,10 +138,9 @@ def test_ranges_that_show_no_shaft_are_refused(
 
     monkeypatch.setattr(PoseSampler, "_draw", counted)
     beside = replace(settings.poses, x_mm=(300.0, 400.0))
-    scene = replace(settings.scene, instruments=(1, 1))
-    blind = PoseSampler(camera, beside, settings.shaft, scene)
+    blind = PoseSampler(camera, beside, settings.shaft, settings.scene)
     with pytest.raises(InputError, match="10000 for a tip outside the image") as caught:
-        blind(np.random.default_rng(8))
+        blind(np.random.default_rng(8), 1)
     assert "poses.x_mm" in str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(draws) == 10_000
@@ -161,11 +152,11 @@ NEARLY_ONE_POSE = PoseRanges(
 
 
 @pytest.mark.parametrize(
-    ("scene", "why", "setting"),
+    ("scene", "shafts", "why", "setting"),
     [
-        ({"lens_radius_mm": 1000.0}, "cuts the lens", "scene.lens_radius_mm"),
-        ({"instruments": (2, 2)}, "cut each other", "scene.instruments"),
-        ({"min_visible_px": 90_000}, "too few pixels", "scene.min_visible_px"),
+        ({"lens_radius_mm": 1000.0}, 1, "cuts the lens", "scene.lens_radius_mm"),
+        ({}, 2, "cut each other", "scene.instruments"),
+        ({"min_visible_px": 90_000}, 1, "too few pixels", "scene.min_visible_px"),
     ],
 )
 def test_the_refusal_names_its_reason_and_settings(
@@ -173,14 +164,15 @@ def test_the_refusal_names_its_reason_and_settings(
     with_scene: Callable[..., RenderSettings],
     monkeypatch: pytest.MonkeyPatch,
     scene: dict[str, Any],
+    shafts: int,
     why: str,
     setting: str,
 ) -> None:
     monkeypatch.setattr("shaftpose.rendering.poses.MOST_TRIES", 20)
-    settings = with_scene(**({"instruments": (1, 1)} | scene))
+    settings = with_scene(**scene)
     blind = PoseSampler(camera, NEARLY_ONE_POSE, settings.shaft, settings.scene)
     with pytest.raises(InputError, match=f"refused: 20 for .*{why}") as caught:
-        blind(np.random.default_rng(9))
+        blind(np.random.default_rng(9), shafts)
     assert setting in str(caught.value)
 
 
@@ -188,10 +180,10 @@ def test_the_commonest_reason_comes_first(
     camera: Camera, with_scene: Callable[..., RenderSettings], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shaftpose.rendering.poses.MOST_TRIES", 200)
-    settings = with_scene(min_visible_px=90_000, instruments=(1, 1))
+    settings = with_scene(min_visible_px=90_000)
     blind = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
     with pytest.raises(InputError) as caught:
-        blind(np.random.default_rng(10))
+        blind(np.random.default_rng(10), 1)
     counts = [int(count) for count in re.findall(r"(\d+) for ", str(caught.value))]
     assert len(counts) > 1
     assert counts == sorted(counts, reverse=True)

@@ -33,7 +33,7 @@ print("after")
 def groups(camera: Camera, settings: RenderSettings) -> dict[str, list[ShaftPose]]:
     draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
     rng = np.random.default_rng(31)
-    singles = {f"single {n}": [draw(rng).poses[0]] for n in range(6)}
+    singles = {f"single {n}": [draw(rng, 1).poses[0]] for n in range(6)}
     pairs = {"near first": [NEAR, FAR], "far first": [FAR, NEAR]}
     return singles | pairs | {"none": [], "out of view": [OUT_OF_VIEW, NEAR]}
 

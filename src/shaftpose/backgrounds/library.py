@@ -8,7 +8,6 @@ import logging
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
 from shaftpose.backgrounds.tissue import MUCOSA, TissueLook, render_tissue
@@ -21,6 +20,7 @@ from shaftpose.backgrounds.variations import (
 )
 from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
 from shaftpose.core.images import Image, centre_square, read_rgb, write_jpeg
+from shaftpose.core.random_streams import streams
 from shaftpose.errors import InputError
 from shaftpose.files import write_csv
 from shaftpose.settings.parts import BackgroundSettings
@@ -95,8 +95,7 @@ def procedural_sources(
 ) -> Iterator[tuple[str, Image]]:
     """`count` pairs (id, RGB image) of rendered tissue; image k depends on (seed, k) only."""
     for number in range(count):
-        rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
-        yield f"tissue-{number:06d}", render_tissue(rng, size_px, look)
+        yield f"tissue-{number:06d}", render_tissue(streams(seed, number), size_px, look)
 
 
 def write_library(
@@ -128,8 +127,7 @@ def write_library(
 def _variations(
     source_number: int, count: int, ranges: VariationRanges, seed: int
 ) -> Iterator[Variation]:
-    # Not the stream that drew the tissue itself.
-    rng = np.random.default_rng(np.random.SeedSequence([seed, source_number, 1]))
+    rng = streams(seed, source_number)("variations")
     yield UNALTERED
     for _ in range(count - 1):
         yield sample_variation(rng, ranges)

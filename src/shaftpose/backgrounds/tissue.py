@@ -15,6 +15,7 @@ from shaftpose.backgrounds.noise import Range, blurred
 from shaftpose.backgrounds.relief import SURFACES, Relief, make_relief
 from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
 from shaftpose.backgrounds.tissue_light import scope_light
+from shaftpose.core.random_streams import Streams
 
 
 @dataclass(frozen=True)
@@ -71,29 +72,33 @@ STAND_IN = TissueLook(
 )
 
 
-def render_tissue(
-    rng: np.random.Generator, size_px: int, look: TissueLook = MUCOSA
-) -> NDArray[np.uint8]:
+def render_tissue(stream: Streams, size_px: int, look: TissueLook = MUCOSA) -> NDArray[np.uint8]:
     """One (size, size, 3) RGB image of tissue."""
     # Filters lack neighbours at the border, so a rim is rendered and cropped.
     rim_px = int(np.ceil(0.02 * size_px))
-    folds = int(rng.integers(look.folds[0], look.folds[1] + 1))
-    opened = bool(rng.random() < look.funnel_chance)
-    relief = make_relief(rng, size_px + 2 * rim_px, folds, look.fold_radius, opened)
-    skin = covering(rng, relief, look.skin)
-    if rng.random() < look.fluid_chance:
-        skin = fill_hollows(rng, skin, relief.height)
-    height = relief.height + skin.bumps
-    light, shine = scope_light(rng, height, np.exp(rng.uniform(*np.log(look.wet_share))))
-    lit = expose(skin.colour * light, rng.uniform(*look.brightness))
-    picture = develop(rng, add_highlights(smoke(rng, lit), shine), relief.height)
+    relief = draw_relief(stream, size_px + 2 * rim_px, look)
+    skin = covering(stream, relief, look.skin)
+    if stream("whether wet").random() < look.fluid_chance:
+        skin = fill_hollows(stream("fluid"), skin, relief.height)
+    wet_share = np.exp(stream("highlights").uniform(*np.log(look.wet_share)))
+    light, shine = scope_light(stream("light"), relief.height + skin.bumps, wet_share)
+    lit = expose(skin.colour * light, stream("brightness").uniform(*look.brightness))
+    seen = add_highlights(smoke(stream("smoke"), lit), shine)
+    picture = develop(stream("camera"), seen, relief.height)
     return np.ascontiguousarray(picture[rim_px:-rim_px, rim_px:-rim_px])
 
 
-def covering(rng: np.random.Generator, relief: Relief, look: SkinLook) -> Skin:
+def draw_relief(stream: Streams, size_px: int, look: TissueLook) -> Relief:
+    """Folds, and with its probability a funnel."""
+    folds = int(stream("number of folds").integers(look.folds[0], look.folds[1] + 1))
+    opened = bool(stream("whether opened").random() < look.funnel_chance)
+    return make_relief(stream("relief"), size_px, folds, look.fold_radius, opened)
+
+
+def covering(stream: Streams, relief: Relief, look: SkinLook) -> Skin:
     """The skin of all pieces of tissue, placed by the relief's labels."""
     size_px = relief.height.shape[0]
-    tones = palette(rng, look)
+    tones = palette(stream("palette"), look)
     colour = np.zeros((size_px, size_px, 3), dtype=np.float32)
     bumps = np.zeros((size_px, size_px), dtype=np.float32)
     for number in range(SURFACES):
@@ -101,7 +106,7 @@ def covering(rng: np.random.Generator, relief: Relief, look: SkinLook) -> Skin:
         if shown.any():
             # Blurred, because tissues merge where no step in height separates them.
             shown = blurred(shown, 0.006)
-            piece = make_skin(rng, size_px, tones, look)
+            piece = make_skin(stream(f"skin {number}"), size_px, tones, look)
             colour += shown[..., None] * piece.colour
             bumps += shown * piece.bumps
     return Skin(colour, bumps)

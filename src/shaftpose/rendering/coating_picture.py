@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.random_streams import streams
 from shaftpose.rendering.scene import Coating, Steel
 
 _PX_PER_MM = 5.0
@@ -20,17 +21,13 @@ def coating_picture(
 ) -> NDArray[np.float32]:
     """(rows along the shaft from its tip, columns around it, 4): linear RGB reflectance, and the
     share of bare metal."""
-    rng = np.random.default_rng(coating.marks_seed)
     rows, columns = (max(8, round(size * _PX_PER_MM)) for size in (length_mm, np.pi * diameter_mm))
     base = np.array(coating.rgb, dtype=np.float32)
     picture = np.zeros((rows, columns, 4), dtype=np.float32)
     picture[..., :3] = base
-    for _ in range(int(rng.integers(_MOST_RINGS + 1))):
-        start = _row(rng.uniform(0, _MARKED_MM))
-        picture[start : start + _row(rng.uniform(0.2, 2.5)) + 1, :, :3] = _contrast(rng, base)
-    if rng.random() < _PRINTED_SHARE:
-        mark = _print_mask(rng, rows, columns)[..., None]
-        picture[..., :3] += mark * (_contrast(rng, base) - picture[..., :3])
+    stream = streams(coating.marks_seed)
+    _add_rings(stream("rings"), picture, base)
+    _add_print(stream("print"), picture, base)
     bare = _row(coating.bare_mm)
     picture[:bare] = steel.grey, steel.grey, steel.grey, 1.0
     return picture
@@ -38,6 +35,23 @@ def coating_picture(
 
 def _row(mm: float) -> int:
     return round(float(mm) * _PX_PER_MM)
+
+
+def _add_rings(
+    rng: np.random.Generator, picture: NDArray[np.float32], base: NDArray[np.float32]
+) -> None:
+    for _ in range(int(rng.integers(_MOST_RINGS + 1))):
+        start = _row(rng.uniform(0, _MARKED_MM))
+        end = start + _row(rng.uniform(0.2, 2.5)) + 1
+        picture[start:end, :, :3] = _contrast(rng, base)
+
+
+def _add_print(
+    rng: np.random.Generator, picture: NDArray[np.float32], base: NDArray[np.float32]
+) -> None:
+    if rng.random() < _PRINTED_SHARE:
+        mark = _print_mask(rng, *picture.shape[:2])[..., None]
+        picture[..., :3] += mark * (_contrast(rng, base) - picture[..., :3])
 
 
 def _contrast(rng: np.random.Generator, base: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.images import decode_rgb, encode_jpeg
+from shaftpose.core.random_streams import streams
 from shaftpose.rendering.scene import Lens
 
 # sRGB to linear for every 8-bit level (IEC 61966-2-1), as a table.
@@ -63,9 +64,9 @@ def apply_lens(
     any effect the image is returned unchanged."""
     if lens == _CLEAN and shown is None:
         return rgb
-    rng = np.random.default_rng(sensor_seed)
+    stream = streams(sensor_seed)
     image = rgb.astype(np.float32)
-    image += lens.haze * _smoke(rng, rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
+    image += lens.haze * _smoke(stream("smoke"), rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
     image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
     if lens.blur_px > 0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), lens.blur_px), dtype=np.float32)
@@ -73,7 +74,7 @@ def apply_lens(
         image = np.asarray(cv2.filter2D(image, -1, _way(*lens.motion_px)), dtype=np.float32)
     if shown is not None:
         image[~shown] = 0
-    image += lens.noise * rng.standard_normal(image.shape, dtype=np.float32)
+    image += lens.noise * stream("noise").standard_normal(image.shape, dtype=np.float32)
     seen = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     return seen if lens.jpeg_quality is None else _compressed(seen, lens.jpeg_quality)
 

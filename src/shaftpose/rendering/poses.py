@@ -47,13 +47,11 @@ class PoseSampler:
     shaft: ShaftSettings
     scene: SceneSettings
 
-    def __call__(self, rng: np.random.Generator) -> SampledPoses:
-        """Poses of all shafts of one image.
+    def __call__(self, rng: np.random.Generator, count: int) -> SampledPoses:
+        """Poses of `count` shafts of one image.
 
         Raises InputError with the reasons after `MOST_TRIES` rejected draws.
         """
-        fewest, most = self.scene.instruments
-        count = int(rng.integers(fewest, most + 1))
         refusals: Counter[Refusal] = Counter()
         for tries in range(1, MOST_TRIES + 1):
             poses = [self._draw(rng) for _ in range(count)]

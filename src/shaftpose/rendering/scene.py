@@ -1,12 +1,12 @@
 """The scene of one image, independent of the renderer, and its sampling.
 
-Image k of a dataset is drawn only from `SeedSequence([dataset_seed, k])`. Options beyond the
-paper's setting use spawned children of that sequence, so they leave the rest of the image
-unchanged.
+Image k of a dataset depends on (dataset seed, k) alone. Each part of a scene is drawn from a random
+stream of its own name, so an option may come or go and leave the rest of the image unchanged.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields, replace
+from itertools import count
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.random_streams import Streams, streams
 from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
@@ -158,24 +159,13 @@ def _stated(part: Any) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Draws:
-    """The random generators of one image: `paper` for the paper's setting, and one per option."""
+class _Contents:
+    """Number of shafts, without a crossing one; whether one crosses in front of them; and whether
+    tissue hides them."""
 
-    paper: np.random.Generator
-    camera: np.random.Generator
-    crossing: np.random.Generator
-    surface: np.random.Generator
-    lens: np.random.Generator
-    films: np.random.Generator
-    shadow: np.random.Generator
-    coatings: np.random.Generator
-    jaws: np.random.Generator
-
-    @classmethod
-    def of_image(cls, seed: int, index: int) -> "_Draws":
-        own = np.random.SeedSequence([seed, index])
-        children = own.spawn(len(fields(cls)) - 1)
-        return cls(*(np.random.default_rng(sequence) for sequence in (own, *children)))
+    shafts: int
+    crossed: bool
+    occluded: bool
 
 
 @dataclass(frozen=True)
@@ -190,70 +180,72 @@ class SceneSampler:
         """Successive draws for image `index`, for a caller that may reject some; `tries` is
         cumulative.
 
-        All have as many shafts and occluders as the first: otherwise scenes that are rejected more
+        All have the same number of shafts and occluders: otherwise scenes that are rejected more
         often would become rare.
         """
-        draws = _Draws.of_image(self.seed, index)
-        first = scene = self._draw(draws)
-        tries = first.tries
-        while True:
-            if _counts(scene) == _counts(first):
-                yield replace(scene, tries=tries)
-            scene = self._draw(draws)
+        contents = self._contents(streams(self.seed, index))
+        tries = 0
+        for attempt in count():
+            scene = self._draw(streams(self.seed, index, attempt), contents)
             tries += scene.tries
+            yield replace(scene, tries=tries)
 
-    def _draw(self, draws: _Draws) -> Scene:
-        settings, rng = self.settings, draws.paper
-        rod = surrounding_rod(settings.shaft)
-        camera = sample_camera(draws.camera, settings)
-        background = self.backgrounds[int(rng.integers(len(self.backgrounds)))]
-        sampler = PoseSampler(camera, settings.poses, rod, settings.scene)
-        sampled, crossing = self._sample_poses(draws, sampler)
-        steels = [sample_steel(rng, settings.scene) for _ in sampled.poses]
-        steels += [sample_steel(draws.crossing, settings.scene) for _ in crossing]
-        turned = [sample_turning(draws.surface, settings.scene) for _ in steels]
+    def _contents(self, stream: Streams) -> _Contents:
+        scene = self.settings.scene
+        fewest, most = scene.instruments
+        shafts = int(stream("number of shafts").integers(fewest, most + 1))
+        crossed = stream("whether crossed").random() < scene.crossing_probability
+        occluded = stream("whether occluded").random() < scene.occluder_probability
+        return _Contents(shafts, crossed and shafts > 0, occluded)
+
+    def _draw(self, stream: Streams, contents: _Contents) -> Scene:
+        settings, scene = self.settings, self.settings.scene
+        camera = sample_camera(stream("camera"), settings)
+        sampled, crossing = self._sample_poses(stream, camera, contents)
+        shafts = sampled.poses + crossing
+        hidden = sampled.poses if contents.occluded else ()
         return Scene(
-            background=background,
+            background=self.backgrounds[int(stream("background").integers(len(self.backgrounds)))],
             camera=camera,
-            shafts=sampled.poses + crossing,
-            rolls_deg=tuple(0.0 if self._revolved else roll_deg for roll_deg, _ in turned),
-            steels=tuple(
-                replace(steel, anisotropy=anisotropy)
-                for steel, (_, anisotropy) in zip(steels, turned, strict=True)
-            ),
-            light=sample_light(rng, settings.scene),
-            occluders=sample_occluders(rng, sampled.poses, settings),
-            lens=sample_lens(rng, draws.lens, settings.lens),
-            sensor_seed=int(rng.integers(2**31)),
+            shafts=shafts,
+            rolls_deg=self._rolls(stream("rolls"), len(shafts)),
+            steels=sample_steels(stream, len(shafts), scene),
+            light=sample_light(stream("light"), scene),
+            occluders=sample_occluders(stream("occluders"), hidden, settings),
+            lens=sample_lens(stream, settings.lens),
+            sensor_seed=int(stream("sensor").integers(2**31)),
             tries=sampled.tries,
-            films=sample_films(draws.films, len(steels), settings.scene),
-            coatings=sample_coatings(draws.coatings, len(steels), settings),
-            jaws=sample_jaws(draws.jaws, len(steels), settings),
-            contact_shadow=_uniform(draws.shadow, settings.scene.contact_shadow),
+            films=sample_films(stream("films"), len(shafts), scene),
+            coatings=sample_coatings(stream("coatings"), len(shafts), settings),
+            jaws=sample_jaws(stream("jaws"), len(shafts), settings),
+            contact_shadow=_uniform(stream("contact shadow"), scene.contact_shadow),
             crossing=len(crossing),
         )
 
-    @property
-    def _revolved(self) -> bool:
-        return instrument_shape(self.settings.shaft).revolved
+    def _rolls(self, rng: np.random.Generator, shafts: int) -> tuple[float, ...]:
+        """Rolls in degrees; 0 where none is visible."""
+        if instrument_shape(self.settings.shaft).revolved:
+            return (0.0,) * shafts
+        return tuple(rng.uniform(0, 360, shafts).tolist())
 
     def _sample_poses(
-        self, draws: _Draws, sampler: PoseSampler
+        self, stream: Streams, camera: Camera, contents: _Contents
     ) -> tuple[SampledPoses, tuple[ShaftPose, ...]]:
-        """The image's shafts and, with the settings' probability, one that crosses in front of
-        them; never in an image without shafts.
+        """The image's shafts and, if wanted, one that crosses in front of them.
 
         Raises InputError if no crossing shaft is found.
         """
-        wanted = draws.crossing.random() < self.settings.scene.crossing_probability
+        rod = surrounding_rod(self.settings.shaft)
+        sampler = PoseSampler(camera, self.settings.poses, rod, self.settings.scene)
+        poses, crossing_pose = stream("poses"), stream("crossing pose")
         tries = 0
         for _ in range(_MOST_REDRAWS):
-            sampled = sampler(draws.paper)
+            sampled = sampler(poses, contents.shafts)
             tries += sampled.tries
             sampled = replace(sampled, tries=tries)
-            if not wanted or not sampled.poses:
+            if not contents.crossed:
                 return sampled, ()
-            crossing = sampler.crossing(draws.crossing, sampled.poses)
+            crossing = sampler.crossing(crossing_pose, sampled.poses)
             if crossing is not None:
                 return sampled, (crossing,)
         raise InputError(
@@ -263,29 +255,29 @@ class SceneSampler:
         )
 
 
-def _counts(scene: Scene) -> tuple[int, int, int]:
-    return len(scene.shafts), len(scene.occluders), scene.crossing
-
-
 def sample_camera(rng: np.random.Generator, settings: RenderSettings) -> Camera:
     """A camera whose distortion lies within the settings' ranges."""
     distortion = settings.lens.distortion
     return camera_with(settings, _uniform(rng, distortion.k1), _uniform(rng, distortion.k2))
 
 
+def sample_steels(stream: Streams, shafts: int, scene: SceneSettings) -> tuple[Steel, ...]:
+    """The steel of each shaft within the settings' ranges."""
+    steel, anisotropy = stream("steels"), stream("anisotropy")
+    return tuple(
+        replace(sample_steel(steel, scene), anisotropy=_uniform(anisotropy, scene.anisotropy))
+        for _ in range(shafts)
+    )
+
+
 def sample_steel(rng: np.random.Generator, scene: SceneSettings) -> Steel:
-    """Steel within the settings' ranges."""
+    """Isotropic steel within the settings' ranges."""
     return Steel(
         grey=_uniform(rng, scene.steel_grey),
         roughness=_uniform(rng, scene.roughness),
         scratches=_uniform(rng, scene.scratches),
         grain=float(rng.uniform(2.0, 8.0)),
     )
-
-
-def sample_turning(rng: np.random.Generator, scene: SceneSettings) -> tuple[float, float]:
-    """A shaft's roll in degrees, and the anisotropy of its steel within the settings' range."""
-    return float(rng.uniform(0, 360)), _uniform(rng, scene.anisotropy)
 
 
 def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) -> tuple[Film, ...]:
@@ -363,29 +355,28 @@ def sample_light(rng: np.random.Generator, scene: SceneSettings) -> Light:
     )
 
 
-def sample_lens(rng: np.random.Generator, further: np.random.Generator, lens: LensSettings) -> Lens:
-    """Effects of lens, air and sensor within the settings' ranges; motion and JPEG compression are
-    drawn from `further`."""
-    way_px, angle = _uniform(further, lens.motion_px), float(further.uniform(0, np.pi))
+def sample_lens(stream: Streams, lens: LensSettings) -> Lens:
+    """Effects of lens, air and sensor within the settings' ranges."""
     quality = lens.jpeg_quality
     return Lens(
-        blur_px=_uniform(rng, lens.blur_px),
-        haze=_uniform(rng, lens.haze),
-        vignette=_uniform(rng, lens.vignette),
-        noise=_uniform(rng, lens.noise),
-        motion_px=(way_px * cos(angle), way_px * sin(angle)),
-        jpeg_quality=None if quality is None else int(further.integers(quality[0], quality[1] + 1)),
+        blur_px=_uniform(stream("blur"), lens.blur_px),
+        haze=_uniform(stream("haze"), lens.haze),
+        vignette=_uniform(stream("vignette"), lens.vignette),
+        noise=_uniform(stream("noise"), lens.noise),
+        motion_px=_motion(stream("motion"), lens.motion_px),
+        jpeg_quality=quality and int(stream("JPEG quality").integers(quality[0], quality[1] + 1)),
     )
 
 
+def _motion(rng: np.random.Generator, lengths_px: Range) -> tuple[float, float]:
+    length_px, angle = _uniform(rng, lengths_px), float(rng.uniform(0, np.pi))
+    return length_px * cos(angle), length_px * sin(angle)
+
+
 def sample_occluders(
-    rng: np.random.Generator,
-    poses: Sequence[ShaftPose],
-    settings: RenderSettings,
+    rng: np.random.Generator, poses: Sequence[ShaftPose], settings: RenderSettings
 ) -> tuple[Occluder, ...]:
-    """With the settings' probability one lump of tissue in front of each shaft, else none."""
-    if rng.random() >= settings.scene.occluder_probability:
-        return ()
+    """One lump of tissue in front of each of `poses`."""
     # The rod around a bulky mesh is far thicker than the part to hide.
     thickness_mm = min(settings.shaft.diameter_mm, instrument_shape(settings.shaft).diameter_mm)
     return tuple(_occluder_before(rng, pose, thickness_mm) for pose in poses)

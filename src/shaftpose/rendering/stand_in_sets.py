@@ -1,7 +1,6 @@
 """The sets that stand in for real endoscopic images: other tissue, light, lens and air."""
 
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 from shaftpose.backgrounds.library import procedural_sources, write_library
@@ -23,11 +22,11 @@ def stand_in_sets(
 ) -> dict[str, RenderedSet]:
     """The sets by name; they share no background. folder: for the backgrounds."""
     images = {"train": size.real, "clear": size.test_set, "occluded": size.test_set}
-    backgrounds = iter(_backgrounds(folder / "backgrounds", settings.camera.size_px, seed))
+    side_px = settings.camera.size_px
     return {
         name: RenderedSet(
             settings=with_occlusion(settings, hidden),
-            backgrounds=dict(islice(backgrounds, SOURCES_PER_SET)),
+            backgrounds=_backgrounds(folder / "backgrounds" / name, side_px, seed + own_seed),
             seed=seed + own_seed,
             images=images[name],
             images_per_shard=images_per_shard(images[name], size),
@@ -36,14 +35,12 @@ def stand_in_sets(
     }
 
 
-def _backgrounds(folder: Path, side_px: int, seed: int) -> list[tuple[Path, str]]:
-    """Tissue with the stand-in's look: image file and id of its source."""
-    own_seed = seed + SETS["train"][0]
-    count = SOURCES_PER_SET * len(SETS)
+def _backgrounds(folder: Path, side_px: int, seed: int) -> dict[Path, str]:
+    """Tissue with the stand-in's look: image file -> id of its source."""
     unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
-    sources = procedural_sources(count, own_seed, side_px, STAND_IN)
-    write_library(sources, folder, 1, unaltered, own_seed, side_px, count)
-    return list(by_path(read_library(folder)).items())
+    sources = procedural_sources(SOURCES_PER_SET, seed, side_px, STAND_IN)
+    write_library(sources, folder, 1, unaltered, seed, side_px, SOURCES_PER_SET)
+    return by_path(read_library(folder))
 
 
 def with_occlusion(settings: RenderSettings, hidden: float) -> RenderSettings:
