@@ -6,10 +6,12 @@ from pathlib import Path
 
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.real_folder import PARTS, copy_real
+from shaftpose.dataset.stand_in import write_stand_in
 from shaftpose.farm.locks import alone_in
-from shaftpose.farm.stand_in import write_stand_in
+from shaftpose.farm.render_sets import render_sets
 from shaftpose.handovers import AboutReal
 from shaftpose.json_files import write_json
+from shaftpose.rendering.stand_in_sets import stand_in_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 
@@ -19,17 +21,19 @@ SCRATCH = Path("data/scratch")
 @stage
 def main(settings: Settings) -> None:
     """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
-    out, source, size = settings.out, settings.real_source, settings.size
-    domain = "stand-in" if source is None else "real"
+    out, source, rendered = settings.out, settings.real_source, SCRATCH / "stand-in"
     with alone_in(out, SCRATCH):
         out.mkdir(parents=True, exist_ok=True)
         if source is None:
-            write_stand_in(settings.stand_in, size, settings.seed, settings.cluster, SCRATCH, out)
+            with alone_in(rendered, SCRATCH):  # another run would overwrite its backgrounds
+                sets = stand_in_sets(settings.stand_in, settings.size, settings.seed, rendered)
+                render_sets(sets, settings.cluster, SCRATCH, rendered)
+                write_stand_in(rendered, out)
         else:
             copy_real(source, out)
-        write_json(out / "about.json", asdict(AboutReal(domain)))
+        write_json(out / "about.json", asdict(AboutReal("real" if source else "stand-in")))
     counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
-    logging.getLogger(__name__).info("%s images %s are in %s", domain, counts, out)
+    logging.getLogger(__name__).info("images %s are in %s", counts, out)
 
 
 if __name__ == "__main__":

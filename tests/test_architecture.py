@@ -19,7 +19,7 @@ FOLDERS = {
     "backgrounds": (),
     "rendering": ("backgrounds",),
     "dataset": (),
-    "farm": ("rendering", "dataset"),
+    "farm": ("rendering",),
     "evaluation": (),
     "figures": ("evaluation",),
     "checks": ("rendering",),
