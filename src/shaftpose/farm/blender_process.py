@@ -1,9 +1,9 @@
-"""Renders one shard in its own process: `python -m shaftpose.farm.blender_process SHARD 0 200`.
+"""Renders one shard: `python -m shaftpose.farm.blender_process SHARD FIRST COUNT`.
 
-The numbers are the index of the first image and the number of images; SHARD is the shard's file,
-next to the description of its set. A process has one Blender scene, so each shard has a process. It
-prints a line for each finished image and each warning; Blender's output is appended to the shard's
-log. It ends when its standard input closes, so it does not outlive a killed parent.
+SHARD is the shard's file, next to the description of its set; FIRST is the index of its first
+image. Blender holds one scene per process, so each shard gets its own process. It prints a line for
+each finished image, each warning and an error; Blender's output is appended to the shard's log. It
+ends when its standard input closes, so it does not outlive a killed parent.
 """
 
 import logging
@@ -31,7 +31,7 @@ WARNING = "warning: "
 
 
 def main() -> None:
-    """Render the shard that the arguments describe."""
+    """Render the shard that the command line describes."""
     path, first, count = sys.argv[1:]
     shard = Shard(Path(path), int(first), int(count))
     threading.Thread(target=_end_with_input, daemon=True).start()
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def write_images(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
-    """Write all images of a shard, and a line to `progress` after each."""
+    """Write all images of a shard; print a line to `progress` after each."""
     generator = start_generator(rendered)
     with ShardWriter(shard.path, rendered.settings.jpeg_quality) as writer:
         for index in range(shard.first, shard.first + shard.count):
@@ -59,11 +59,11 @@ def write_images(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
 
 
 def start_generator(rendered: RenderedSet) -> "Generator":
-    """The generator of a set, for a process on one core.
+    """The image generator of a set, for a process that shares the machine with others.
 
-    Blender is imported only here, so a parent process need not load it. When loaded, it starts
-    threads for all cores that the process may use. They wait in a busy loop and would take half of
-    the time of other workers.
+    Blender starts a thread for each core that the process may use. These wait in a busy loop and
+    would slow other workers down by half, so Blender is loaded while only one core is allowed.
+    It is imported only here: the process that starts this one need not load it.
     """
     with _on_one_core():
         from shaftpose.rendering.generator import Generator

@@ -1,7 +1,6 @@
 """Dask clusters that render shards: on this machine, at a running scheduler, or in Slurm jobs.
 
-A local cluster listens only on 127.0.0.1; with Slurm, scheduler and workers communicate over the
-network, encrypted with their own keys.
+With Slurm, scheduler and workers communicate over the network, encrypted with their own keys.
 """
 
 import signal
@@ -21,17 +20,17 @@ from shaftpose.settings.parts import ClusterSettings, SlurmSettings
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
 
-# Settings of a Slurm site that are extended, or replaced only if unset.
+# The site's settings of dask-jobqueue that are extended, or overridden only if unset.
 _SITE = ("shared-temp-directory", "log-directory", "scheduler-options", "worker-extra-args")
 _JOB_LOGS = "outputs/slurm"
 
 
 @contextmanager
 def cluster_client(settings: ClusterSettings) -> Iterator[Client]:
-    """A client of the settings' workers; workers started for it end with it.
+    """A Dask client of the workers that the settings describe; those it starts end with the block.
 
-    Raises InputError if the scheduler does not answer, one of its workers has no shaftpose or Slurm
-    is missing.
+    Raises InputError if the scheduler does not answer, one of its workers has no shaftpose, or
+    Slurm is missing or refuses the jobs.
     """
     if settings.slurm is None:
         with client_of(settings.address or settings.workers) as client:
@@ -70,8 +69,10 @@ def slurm_cluster(settings: SlurmSettings) -> "SLURMCluster":
 
 
 def _submit_jobs(cluster: "SLURMCluster", jobs: int) -> None:
-    """Submit jobs, and replace those whose time runs out. First asks Slurm whether it accepts
-    them, because Dask would wait for a refused job."""
+    """Submit jobs; those whose time runs out are replaced.
+
+    Raises InputError if Slurm would refuse them: Dask would wait for a refused job forever.
+    """
     test = ["sbatch", "--test-only"]
     try:
         asked = subprocess.run(test, input=cluster.job_script(), capture_output=True, text=True)

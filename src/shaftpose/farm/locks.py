@@ -12,10 +12,10 @@ from shaftpose.errors import InputError
 
 @contextmanager
 def alone_in(folder: Path, scratch: Path) -> Iterator[None]:
-    """Hold the lock of a folder; the system releases it even if this process crashes.
+    """Hold the lock of a folder during the block; the system releases it even after a crash.
 
-    The lock is a file in `scratch`, named after the folder: in the folder itself, DVC would treat
-    it as a result. Raises InputError if another run holds it.
+    scratch: where the lock's file lies, named after the folder; in the folder itself, DVC would
+    treat it as a result. Raises InputError if another run holds the lock.
     """
     scratch.mkdir(parents=True, exist_ok=True)
     name = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]

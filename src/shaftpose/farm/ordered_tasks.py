@@ -1,4 +1,4 @@
-"""Any number of tasks on Dask workers, with results in the tasks' order."""
+"""Any number of tasks on Dask workers, with their results in the order of the tasks."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -13,20 +13,20 @@ from shaftpose.errors import InputError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# Tasks that are submitted and not yet returned: memory does not grow with the number of all tasks.
+# Most tasks that are submitted and not yet returned: limits memory, however many tasks there are.
 _UNDER_WAY = 1000
 
 
 def in_order(
     client: Client, work: Callable[[Task], Result], tasks: Iterable[Task]
 ) -> Iterator[tuple[Task, Result | None]]:
-    """Each task with its result of `work`, in the order of the tasks.
+    """Yield each task with its result of `work`, in the order of the tasks.
 
-    Finished results are given whenever another task comes, and after the last one: an iterator of
-    tasks that blocks holds them back.
-    A task whose worker dies is repeated; its result is None if four workers died that had it, even
-    if they were at another task. Raises InputError if the connection to the scheduler is lost or it
-    cannot import a task, and what `work` raises.
+    Finished results are yielded when another task arrives, and after the last one: while `tasks`
+    blocks, they are held back.
+    A task whose worker dies is repeated. If four workers die to which it was assigned, its result
+    is None, even if they died of other tasks. Raises InputError if the connection to the scheduler
+    is lost or the scheduler cannot import a task; exceptions of `work` are passed on.
     """
     try:
         yield from _results(client, work, tasks)
@@ -57,7 +57,7 @@ def _results(
 
 
 def _first(under_way: deque[tuple[Task, Future]]) -> tuple[Task, Result | None]:
-    """Take the first task, and wait for its result."""
+    """Remove the first task and wait for its result."""
     task, future = under_way.popleft()
     try:
         return task, future.result()

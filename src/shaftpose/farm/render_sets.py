@@ -37,8 +37,8 @@ def render_set(
 ) -> None:
     """Render the shards missing in `scratch`, then link all shards into `out`.
 
-    client: of workers that see `scratch` and the backgrounds under the same paths. hang_s: seconds
-    without a finished image after which Blender is killed and the shard retried.
+    client: its workers must find `scratch` and the backgrounds under the same paths. hang_s:
+    seconds without a finished image after which Blender is killed and the shard retried.
 
     A repeated run renders only unfinished or truncated shards; the result is byte-identical to an
     uninterrupted run. Raises InputError if a shard fails (naming its log), a disk is full, or
@@ -57,7 +57,10 @@ def render_set(
 
 
 def _is_finished(shard: Shard) -> bool:
-    """Whether a shard is usable. It may have been truncated through its hard link in `out`."""
+    """Whether a shard is complete; warns if it exists but is damaged.
+
+    It shares its bytes with its hard link in `out`, which may have been truncated there.
+    """
     finished = shard.is_finished()
     if shard.path.exists() and not finished:
         logger.warning("%s is truncated or damaged: rendering it again", shard.path)
@@ -96,7 +99,7 @@ def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Pro
 
 
 class _Progress:
-    """Shows the number of finished images, in finished and in unfinished shards."""
+    """Progress bar of the finished images, including those of unfinished shards."""
 
     def __init__(self, bar: Any) -> None:
         self._bar, self._lock = bar, Lock()  # events come from a thread of Dask's client
@@ -104,7 +107,7 @@ class _Progress:
         self._said: set[str] = set()
 
     def on_event(self, event: tuple[float, dict[str, Any]]) -> None:
-        """Process the report of a task."""
+        """Show the report of a task: finished images or a warning."""
         _, report = event
         trouble = report.get("trouble", "")
         if trouble and trouble not in self._said:  # many shards may report the same
@@ -113,7 +116,7 @@ class _Progress:
         self.show(report["shard"], report.get("images", 0))
 
     def show(self, shard: str, images: int) -> None:
-        """Set the number of finished images of a shard; a second attempt restarts at 0."""
+        """Set the number of finished images of a shard; another attempt restarts at 0."""
         with self._lock:
             self._bar.update(images - self._images.get(shard, 0))
             self._images[shard] = images

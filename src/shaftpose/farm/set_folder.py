@@ -1,7 +1,7 @@
 """A rendered set on disk: its description and its finished shards.
 
-Finished shards are kept in a scratch folder named after the set's fingerprint. An interrupted
-render therefore continues when run again, and starts from the beginning if a setting changed.
+Finished shards are kept in a scratch folder named after the set's fingerprint. So an interrupted
+run continues when it is started again, and renders everything again if a setting has changed.
 """
 
 import os
@@ -22,7 +22,7 @@ _SHARD = re.compile(r"shard-\d{6,}\.tar(\.part)?")  # see `shard_name`; `.part`:
 
 
 def write_set(rendered: RenderedSet, folder: Path) -> None:
-    """Write the description of a set next to its shards; `read_set` reads it on any machine."""
+    """Write the description of a set next to its shards, with absolute paths, for `read_set`."""
     backgrounds = {path.resolve(): source for path, source in rendered.backgrounds.items()}
     settings = _with_absolute_files(rendered.settings)
     described = replace(rendered, settings=settings, backgrounds=backgrounds)
@@ -38,15 +38,15 @@ def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
 
 
 def read_set(folder: Path) -> RenderedSet:
-    """The set whose shards are in `folder`."""
+    """The set that `folder` describes. Raises InputError if the description is damaged."""
     return read_handover(folder / _SET, RenderedSet, "render the set again")
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:
     """Put finished shards into `out` as hard links, or as copies across file systems.
 
-    Existing shards in `out` are removed first: after an interruption shards may be missing, but
-    shards of two sets are never mixed.
+    Existing shards in `out` are removed first, so that an interruption never leaves shards of two
+    sets mixed.
     """
     out.mkdir(parents=True, exist_ok=True)
     for path in out.iterdir():

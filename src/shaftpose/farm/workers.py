@@ -1,7 +1,4 @@
-"""Dask workers, as processes of this machine or at a running scheduler.
-
-Those of this machine listen only on 127.0.0.1.
-"""
+"""Dask workers: processes of this machine, which listen only on 127.0.0.1, or a scheduler's."""
 
 import logging
 from collections.abc import Iterator
@@ -16,18 +13,18 @@ logger = logging.getLogger(__name__)
 
 # Address of Dask's health pages and, if bokeh is installed, its dashboard.
 PAGES = "127.0.0.1:0"
-# Python source that Dask runs in each worker process. Ctrl-C reaches all processes of a terminal:
-# the one that started the run ends the others in order.
+# Python source that Dask runs in each worker process. Ctrl-C reaches all processes of a terminal,
+# but the process that started the run must end the others in order.
 _LEAVE_INTERRUPTS_ALONE = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _ANSWER_S = 30.0
 
 
 @contextmanager
 def client_of(workers: int | str) -> Iterator[Client]:
-    """A client of so many processes of this machine, which end with it, or of the scheduler at an
-    address.
+    """A Dask client of new processes of this machine or of a running scheduler.
 
-    Raises InputError if the scheduler does not answer or one of its workers has no shaftpose.
+    workers: the number of processes, which end with the block, or the scheduler's address. Raises
+    InputError if the scheduler does not answer or one of its workers has no shaftpose.
     """
     with ExitStack() as stack:
         if isinstance(workers, str):
@@ -57,7 +54,7 @@ def _client_at(address: str) -> Client:
 
 def _check_workers(client: Client) -> None:
     """Raise InputError if a worker has no shaftpose: it would die of its first task, and Dask would
-    wait for other workers without end."""
+    wait for other workers forever."""
     answers = client.run(version, "shaftpose", on_error="return")
     without = [worker for worker, answer in answers.items() if isinstance(answer, Exception)]
     if without:
