@@ -17,16 +17,16 @@ import torch
 
 from benchmarks.inference import FILM, ROOT, Run, times
 from benchmarks.machine import machine
-from shaftpose.core.backend import Backend
 from shaftpose.core.images import Image
-from shaftpose.deployment.backends import open_network, openvino_core
-from shaftpose.deployment.bundled import DEFAULT, bundled_model
-from shaftpose.deployment.eight_bits import quantise
-from shaftpose.deployment.onnx_export import export_onnx
+from shaftpose.core.json_files import write_json
+from shaftpose.export.eight_bits import quantise
+from shaftpose.export.onnx_export import export_onnx
+from shaftpose.inference.backends import open_network, openvino_core
+from shaftpose.inference.bundled import DEFAULT, bundled_model
 from shaftpose.inference.video_files import VideoFile
-from shaftpose.json_files import write_json
 from shaftpose.network.building import build_network
 from shaftpose.network.detector import ShaftDetector
+from shaftpose.settings.choices import Backend
 from shaftpose.settings.compose import composed_settings
 from shaftpose.training.recipe import training_recipe
 

@@ -21,13 +21,13 @@ from tqdm import tqdm
 
 from benchmarks.machine import machine
 from shaftpose.core.images import Image
-from shaftpose.core.refinement import Refinement
-from shaftpose.deployment.backends import open_network
-from shaftpose.deployment.bundled import bundled_model, bundled_names
+from shaftpose.core.json_files import write_json
+from shaftpose.inference.backends import open_network
+from shaftpose.inference.bundled import bundled_model, bundled_names
 from shaftpose.inference.loading import load
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.video_files import VideoFile
-from shaftpose.json_files import write_json
+from shaftpose.settings.choices import Refinement
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks/results/inference.json"

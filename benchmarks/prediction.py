@@ -15,11 +15,11 @@ import onnxruntime
 
 from benchmarks.inference import times
 from benchmarks.machine import machine
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.images import Image
+from shaftpose.core.json_files import write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.json_files import write_json
+from shaftpose.inference.predictor import Predictor
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks" / "results" / "prediction.json"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.rendering.aims import AIMS
-from shaftpose.core.markdown import pipe_table
-from shaftpose.errors import exit_on_input_error
-from shaftpose.handovers import read_handover
-from shaftpose.settings.parts import Positive, PositiveInt
+from shaftpose.core.errors import exit_on_input_error
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.settings.schema import Positive, PositiveInt
+from shaftpose.stage_files import read_stage_file
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
@@ -101,7 +101,7 @@ def main() -> None:
 
 def read_measured() -> Measured:
     """The benchmark's results. Raises InputError if the file cannot be read."""
-    return read_handover(RESULTS, Measured, "run `make bench-render`")
+    return read_stage_file(RESULTS, Measured, "run `make bench-render`")
 
 
 def page(text: str, measured: Measured) -> str:

@@ -12,8 +12,8 @@ from tqdm import tqdm
 
 from benchmarks.inference import finder, frames
 from benchmarks.machine import machine
-from shaftpose.deployment.bundled import DEFAULT
-from shaftpose.json_files import write_json
+from shaftpose.core.json_files import write_json
+from shaftpose.inference.bundled import DEFAULT
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks/results/soak.json"

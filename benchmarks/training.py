@@ -24,15 +24,15 @@ from lightning.fabric.utilities import move_data_to_device
 
 from benchmarks.aims import Aim
 from benchmarks.machine import machine
-from shaftpose.core.batches import Batch
-from shaftpose.core.split_lists import read_keys
+from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.json_files import write_json
+from shaftpose.dataset.batches import Batch
 from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.json_files import write_json
+from shaftpose.dataset.split_lists import read_keys
 from shaftpose.network.pose_network import normalise_images
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.parts import Size
+from shaftpose.settings.schema import Size
 from shaftpose.training.assembly import build_module, build_trainer, training_data
 from shaftpose.training.curves import Curves
 from shaftpose.training.module import ShaftModule

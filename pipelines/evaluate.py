@@ -4,15 +4,15 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose import tracking
+from shaftpose.core.json_files import write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import read_keys
-from shaftpose.deployment.prediction import confidence_threshold
-from shaftpose.deployment.predictor import network_and_fit
-from shaftpose.deployment.results import ModelResults, evaluation, flat, read_curves
-from shaftpose.handovers import read_training
-from shaftpose.json_files import write_json
+from shaftpose.dataset.split_lists import read_keys
+from shaftpose.evaluation.model_results import ModelResults, evaluation, flat, read_curves
+from shaftpose.inference.predictor import network_and_fit
+from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.stage_files import read_training
 
 
 @stage

@@ -3,16 +3,16 @@
 from dataclasses import asdict
 
 from shaftpose import tracking
+from shaftpose.core.json_files import write_json
 from shaftpose.dataset.silhouette_sets import silhouette_sets
-from shaftpose.deployment.prediction import confidence_threshold
-from shaftpose.deployment.predictor import network_and_fit
-from shaftpose.deployment.silhouettes import compare_silhouettes
-from shaftpose.handovers import read_domain, read_training
-from shaftpose.json_files import write_json
+from shaftpose.evaluation.silhouettes import compare_silhouettes
+from shaftpose.inference.predictor import network_and_fit
+from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.silhouette import SilhouetteRenderer
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.stage_files import read_domain, read_training
 
 
 @stage

@@ -4,12 +4,12 @@ import logging
 from pathlib import Path
 
 from shaftpose import tracking
-from shaftpose.core.split_lists import first_images
-from shaftpose.deployment.export import export_model
-from shaftpose.handovers import read_training
+from shaftpose.dataset.split_lists import first_images
+from shaftpose.export.model_file import export_model
 from shaftpose.network.building import NetworkSettings, trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.stage_files import read_training
 
 PARITY_IMAGES = 16
 

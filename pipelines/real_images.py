@@ -4,16 +4,16 @@ import logging
 from dataclasses import asdict
 from pathlib import Path
 
+from shaftpose.core.json_files import write_json
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.real_folder import PARTS, copy_real
 from shaftpose.dataset.stand_in import write_stand_in
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
-from shaftpose.handovers import AboutReal
-from shaftpose.json_files import write_json
 from shaftpose.rendering.stand_in_sets import stand_in_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.stage_files import AboutReal
 
 SCRATCH = Path("data/scratch")
 

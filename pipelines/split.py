@@ -3,8 +3,8 @@
 import logging
 from pathlib import Path
 
+from shaftpose.core.json_files import read_json
 from shaftpose.dataset.split import split_images, write_split
-from shaftpose.json_files import read_json
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 

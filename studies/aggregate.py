@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.nested import flatten
 from shaftpose.report.ablation import VariantRow
 from studies.record import TrainingRecord

@@ -16,20 +16,20 @@ from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
 
-from shaftpose.core.markdown import pipe_table
-from shaftpose.core.scaling import block_counts
-from shaftpose.errors import exit_on_input_error
-from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.core.errors import exit_on_input_error
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.network.building import NetworkSettings, build_network
-from shaftpose.network.default_boxes import BOXES_PER_CELL
-from shaftpose.network.heads import BOX_OFFSETS, CLASSES
-from shaftpose.network.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
-from shaftpose.network.pose_bins import BinCoder
-from shaftpose.network.pose_coding import PoseCoder
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
+from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
+from shaftpose.network.ssd.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
+from shaftpose.network.ssd.pose_bins import BinCoder
+from shaftpose.network.ssd.pose_coding import PoseCoder
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.parts import Variant
+from shaftpose.settings.scaling import block_counts
+from shaftpose.settings.schema import Variant
 from shaftpose.settings.tree import VARIANTS, Settings, read_variant
 from studies.page_tables import rewrite, with_tables
 

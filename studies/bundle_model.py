@@ -17,20 +17,20 @@ from tempfile import TemporaryDirectory
 
 import onnx
 
-from shaftpose.core.markdown import pipe_table
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import read_keys
-from shaftpose.deployment.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
-from shaftpose.deployment.half_weights import with_half_weights
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.evaluation.metrics import Metrics
+from shaftpose.dataset.split_lists import read_keys
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.evaluation.silhouette_iou import SilhouetteScore
-from shaftpose.handovers import FITTED, read_handover
+from shaftpose.export.half_weights import with_half_weights
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.inference.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.predictor import Predictor
+from shaftpose.metrics.metrics import Metrics
+from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.report.report_tables import cells, show
 from shaftpose.report.writing import with_fits
+from shaftpose.stage_files import FITTED, read_stage_file
 from shaftpose.training.data_identity import rendered_digest
 from studies.bundled_errors import COLUMNS
 from studies.evaluate_trainings import check, finished
@@ -94,7 +94,7 @@ def silhouettes(results: Path) -> Mapping[str, SilhouetteScore]:
     path = results / "silhouette.json"
     if not path.is_file():
         return {}
-    scores = read_handover(path, dict[str, SilhouetteScore], "run `dvc repro evaluate_real`")
+    scores = read_stage_file(path, dict[str, SilhouetteScore], "run `dvc repro evaluate_real`")
     fitted = {
         name.removeprefix(FITTED): score
         for name, score in scores.items()
@@ -112,7 +112,7 @@ def evaluated(folder: Path, results: Path) -> Evaluation:
         results / "evaluation.json",
         f"run `python -m studies.evaluate_trainings {folder}`",
     )
-    found = read_handover(path, Evaluation, f"{remedy}, or name its folder by --results")
+    found = read_stage_file(path, Evaluation, f"{remedy}, or name its folder by --results")
     if found.training.training_id != finished(folder).training_id:
         raise InputError(f"{path}: belongs to another training than {folder}; {remedy}")
     *_, as_used = with_fits({"": found}).values()

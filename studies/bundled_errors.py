@@ -10,16 +10,16 @@ import argparse
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from shaftpose.core.markdown import pipe_table
+from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.json_files import write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
-from shaftpose.deployment.prediction import predict_shards
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.evaluation.metrics import Metrics, evaluate
-from shaftpose.handovers import read_handover
-from shaftpose.json_files import write_json
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.inference.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
+from shaftpose.inference.predictor import Predictor
+from shaftpose.inference.shard_prediction import predict_shards
+from shaftpose.metrics.metrics import Metrics, evaluate
 from shaftpose.report.report_tables import TABLE_I_METRICS, cells
+from shaftpose.stage_files import read_stage_file
 from studies.page_tables import rewrite, with_tables
 
 RECORDS = Path("reports/bundled")
@@ -56,7 +56,7 @@ def recorded(root: Path, name: str = DEFAULT) -> Metrics:
     """
     remedy = f"run `{COMMAND} --name {name}`"
     path = root / RECORDS / f"{name}.json"
-    record = read_handover(path, BundledErrors, remedy)
+    record = read_stage_file(path, BundledErrors, remedy)
     if record.model.encode() != checksum(bundled_model(name)):
         raise InputError(f"{path}: measured of another model than the bundled one; {remedy}")
     return record.metrics

@@ -13,9 +13,9 @@ from pathlib import Path
 import yaml
 
 from shaftpose import tracking
-from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.files import write_csv
+from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.files import write_csv
+from shaftpose.figures.style import save_figure
 from studies.sweep_figure import sweep_figure
 from studies.sweep_jobs import SweepJob, swept_parameters
 

@@ -12,13 +12,13 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.json_files import write_json
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.handovers import TrainingFacts, read_handover, read_training
-from shaftpose.json_files import write_json
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import FIT, variant_row
 from shaftpose.report.writing import with_fits
+from shaftpose.stage_files import TrainingFacts, read_stage_file, read_training
 from shaftpose.training.data_identity import rendered_digest
 from studies.record import TrainingRecord, validation_curves
 
@@ -76,7 +76,7 @@ def variant_of(folder: Path) -> str:
 
 def record(folder: Path) -> list[Path]:
     """Write the records of the training for `make results`; returns their paths."""
-    evaluation = read_handover(folder / "evaluation.json", Evaluation, "evaluate it again")
+    evaluation = read_stage_file(folder / "evaluation.json", Evaluation, "evaluate it again")
     training, paths = evaluation.training, []
     for name, one in with_fits({variant_of(folder): evaluation}).items():
         paths.append(RECORDS / f"{name}-{training.seed}-{training.training_id[:8]}.json")

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.core.markdown import pipe_table
-from shaftpose.errors import exit_on_input_error
-from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.core.json_files import read_json
+from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.tracker import matches
 from shaftpose.inference.tracks import tip_and_axis
 from shaftpose.inference.video_files import VideoFile
-from shaftpose.json_files import read_json
+from shaftpose.metrics.pose_errors import errors_between
 from studies.moving_shafts import FILM, FPS, POSES
 from studies.page_tables import rewrite, with_tables
 

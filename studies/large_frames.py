@@ -16,19 +16,19 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 from shaftpose.core.instruments import Detections
-from shaftpose.core.markdown import pipe_table
 from shaftpose.core.samples import Sample
-from shaftpose.deployment.bundled import bundled_model
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.inference.bundled import bundled_model
+from shaftpose.inference.predictor import Predictor
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.parts import CameraSettings, RenderSettings
+from shaftpose.settings.schema import CameraSettings, RenderSettings
 from shaftpose.settings.tree import Settings
 from studies.film_results import HEADINGS, Errors, film_errors
 from studies.page_tables import rewrite, with_tables

@@ -4,8 +4,8 @@ import csv
 from functools import partial
 from pathlib import Path
 
-from shaftpose.core.markdown import pipe_table
-from shaftpose.errors import exit_on_input_error
+from shaftpose.core.errors import exit_on_input_error
+from shaftpose.figures.markdown import pipe_table
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]

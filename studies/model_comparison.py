@@ -7,10 +7,10 @@ import numpy as np
 
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.prediction import predict_shards
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.evaluation.metrics import Metrics, evaluate
-from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
+from shaftpose.inference.predictor import Predictor
+from shaftpose.inference.shard_prediction import predict_shards
+from shaftpose.metrics.metrics import Metrics, evaluate
+from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
 from shaftpose.report.report_tables import show
 
 # Limits: change of the mAP, mean change of poses as a share of their mean error, and least share of

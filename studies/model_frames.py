@@ -8,10 +8,10 @@ import numpy as np
 
 from shaftpose.core.images import read_rgb, write_jpeg
 from shaftpose.core.instruments import Annotations
+from shaftpose.core.json_files import read_json, write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.evaluation.pose_errors import PoseErrors, pose_errors
-from shaftpose.json_files import read_json, write_json
+from shaftpose.inference.predictor import Predictor
+from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
 
 COUNT = 3
 # Bounds are FACTOR times the exported model's mean error plus MARGIN in mm or deg. This allows for

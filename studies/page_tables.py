@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 
 def rewrite(path: Path, change: Callable[[str], str]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from shaftpose.files import new_file
+from shaftpose.core.files import new_file
 
 
 def main() -> None:

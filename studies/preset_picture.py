@@ -8,9 +8,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from shaftpose.core.drawing import contact_sheet
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.images import write_jpeg
-from shaftpose.errors import InputError, exit_on_input_error
+from shaftpose.figures.drawing import contact_sheet
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden

@@ -9,13 +9,13 @@ predict --backend openvino`.
 import argparse
 from pathlib import Path
 
+from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.files import new_file
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import first_images, read_keys
-from shaftpose.deployment.eight_bits import quantise
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError, exit_on_input_error
-from shaftpose.files import new_file
+from shaftpose.dataset.split_lists import first_images, read_keys
+from shaftpose.export.eight_bits import quantise
+from shaftpose.inference.predictor import Predictor
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check
 from studies.model_comparison import Comparison, compare

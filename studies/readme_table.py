@@ -1,7 +1,7 @@
 """The README's table: the paper's best variant, those of the recorded run and the default model."""
 
-from shaftpose.core.markdown import pipe_table
-from shaftpose.evaluation.metrics import Metrics
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.metrics.metrics import Metrics
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.paper_numbers import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
 from shaftpose.report.report_tables import TABLE_I_METRICS, beside_paper, cells, paper_cells

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from shaftpose.evaluation.binned_errors import ErrorBin
-from shaftpose.evaluation.common_instruments import FoundInstruments
-from shaftpose.handovers import RealFacts, read_handover
+from shaftpose.metrics.binned_errors import ErrorBin
+from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.report.ablation import VariantRow
+from shaftpose.stage_files import RealFacts, read_stage_file
 
 # Learning curves, in the order of a figure's panels.
 CURVES = tuple(
@@ -45,6 +45,6 @@ def validation_curves(curves: Sequence[tuple[int, str, float]]) -> list[tuple[in
 
 
 def read_record(path: Path) -> TrainingRecord:
-    """A record from its file. Raises InputError as `read_handover` does."""
+    """A record from its file. Raises InputError as `read_stage_file` does."""
     remedy = "record the training again with `python -m studies.evaluate_trainings`"
-    return read_handover(path, TrainingRecord, remedy)
+    return read_stage_file(path, TrainingRecord, remedy)

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shaftpose.core.markdown import pipe_table
 from shaftpose.figures.binned_errors_figure import FEWEST
+from shaftpose.figures.markdown import pipe_table
 from shaftpose.nested import flatten
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.report import blocks

@@ -7,7 +7,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import GRID, INK, finish, new_figure
+from shaftpose.figures.style import GRID, INK, finish, new_figure
 from studies.sweep_jobs import (
     SweepJob,
     in_order,

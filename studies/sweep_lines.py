@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import GRID, INK, new_figure
+from shaftpose.figures.style import GRID, INK, new_figure
 from studies.sweep_jobs import (
     NO_VALUE,
     SweepJob,

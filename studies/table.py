@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from matplotlib.figure import Figure
 
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.core.markdown import pipe_table
-from shaftpose.evaluation.common_instruments import common_instruments, means_on
 from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.figures.learning_curves_figure import learning_curve_figure
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.metrics.common_instruments import common_instruments, means_on
 from shaftpose.report import report_tables
 from shaftpose.report.ablation import STAND_IN, VariantRow, variant_title
 from shaftpose.report.report import table_i_block

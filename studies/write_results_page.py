@@ -11,11 +11,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import exit_on_input_error
-from shaftpose.handovers import read_handover
-from shaftpose.json_files import read_json
+from shaftpose.core.errors import exit_on_input_error
+from shaftpose.core.json_files import read_json
+from shaftpose.figures.style import save_figure
 from shaftpose.report.ablation import AblationReport
+from shaftpose.stage_files import read_stage_file
 from studies.architecture_tables import rounding_table
 from studies.bundled_errors import recorded
 from studies.palette_pictures import store_with_palette
@@ -77,7 +77,7 @@ def sweeps(root: Path) -> dict[str, Table]:
 def report_of(root: Path, folder: str = "reports") -> AblationReport:
     """The report recorded in a folder. Raises InputError if there is none, or one of another
     version."""
-    return read_handover(root / folder / "ablation.json", AblationReport, "run `make report`")
+    return read_stage_file(root / folder / "ablation.json", AblationReport, "run `make report`")
 
 
 def contents(folder: Path) -> dict[str, Any]:

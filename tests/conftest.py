@@ -10,12 +10,12 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from shaftpose.core.outline_strips import COLUMNS, ROWS
+from shaftpose.refinement.outline_strips import COLUMNS, ROWS
 
 if TYPE_CHECKING:
-    from shaftpose.network.pose_bins import BinCoder
-    from shaftpose.network.pose_coding import RegressionCoder
-    from shaftpose.network.single_shot import SingleShotNetwork
+    from shaftpose.network.ssd.pose_bins import BinCoder
+    from shaftpose.network.ssd.pose_coding import RegressionCoder
+    from shaftpose.network.ssd.single_shot import SingleShotNetwork
 
 SIDE = 299
 BOXES = [[10.0, 20.0, 110.0, 220.0], [150.0, 10.0, 290.0, 90.0], [0.0, 0.0, 0.0, 0.0]]
@@ -26,7 +26,7 @@ POSES = [[1.0, -2.0, 20.0, 70.0, 123.0], [-8.0, 5.0, 31.0, 55.0, 350.0], [0.0] *
 @pytest.fixture
 def pose_coder() -> "RegressionCoder":
     """Regression over the ranges of params.yaml."""
-    from shaftpose.network.pose_coding import RegressionCoder  # torch is slow to import
+    from shaftpose.network.ssd.pose_coding import RegressionCoder  # torch is slow to import
 
     return RegressionCoder(low=(-20, -20, 10, 50, 0), high=(20, 20, 40, 90, 358))
 
@@ -34,7 +34,7 @@ def pose_coder() -> "RegressionCoder":
 @pytest.fixture
 def bin_coder() -> "BinCoder":
     """The bins of conf/variant/b.yaml over the ranges of params.yaml."""
-    from shaftpose.network.pose_bins import BinCoder
+    from shaftpose.network.ssd.pose_bins import BinCoder
 
     return BinCoder((-20, -20, 10, 50, 0), (20, 20, 40, 90, 358), steps=(1, 1, 1, 5, 5))
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from shaftpose.evaluation.binned_errors import binned_errors
-from shaftpose.evaluation.common_instruments import found_instruments
-from shaftpose.evaluation.metrics import Metrics
-from shaftpose.evaluation.pose_errors import errors_between
 from shaftpose.evaluation.results import Accuracy, Evaluation
-from shaftpose.handovers import DataFacts, RealFacts, TrainingFacts
-from shaftpose.settings.parts import PoseRanges
+from shaftpose.metrics.binned_errors import binned_errors
+from shaftpose.metrics.common_instruments import found_instruments
+from shaftpose.metrics.metrics import Metrics
+from shaftpose.metrics.pose_errors import errors_between
+from shaftpose.settings.schema import PoseRanges
+from shaftpose.stage_files import DataFacts, RealFacts, TrainingFacts
 
 RANGES = PoseRanges(
     x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)

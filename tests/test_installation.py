@@ -42,7 +42,7 @@ import json, sys
 blocked, arguments = json.loads(sys.argv[1])
 sys.modules.update(dict.fromkeys(blocked))
 before = set(sys.modules)
-from shaftpose.cli import main
+from shaftpose.cli.main import main
 main(arguments)
 new = [name for name, m in sys.modules.items() if name not in before and hasattr(m, "__file__")]
 print(json.dumps(new))

@@ -13,8 +13,8 @@ import pytest
 
 from shaftpose import tracking
 from shaftpose.core.images import centre_square, read_rgb
-from shaftpose.deployment.bundled import DEFAULT, bundled_model
-from shaftpose.deployment.predictor import Predictor
+from shaftpose.inference.bundled import DEFAULT, bundled_model
+from shaftpose.inference.predictor import Predictor
 from tests.servers import BIN, free_port, server
 
 ROOT = Path(__file__).parents[1]

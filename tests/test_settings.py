@@ -6,10 +6,9 @@ from typing import Any
 import pytest
 import yaml
 
-from shaftpose.errors import InputError
-from shaftpose.handovers import read_handover
+from shaftpose.core.errors import InputError
 from shaftpose.settings.parsing import parse, to_json
-from shaftpose.settings.parts import (
+from shaftpose.settings.schema import (
     Augmentation,
     CadSettings,
     ClusterSettings,
@@ -23,6 +22,7 @@ from shaftpose.settings.parts import (
     SplitSettings,
     TrainingSettings,
 )
+from shaftpose.stage_files import read_stage_file
 
 ROOT = Path(__file__).parents[1]
 PARAMS = yaml.safe_load((ROOT / "params.yaml").read_text())
@@ -270,7 +270,7 @@ def test_render_settings_survive_json(tmp_path: Path) -> None:
     settings = parse(RenderSettings, render_values(), "params.yaml")
     path = tmp_path / "settings.json"
     path.write_text(to_json(settings))
-    assert read_handover(path, RenderSettings, "") == settings
+    assert read_stage_file(path, RenderSettings, "") == settings
     assert settings.scene.instruments == (1, 2)
 
 

@@ -23,8 +23,8 @@ def test_imports_are_followed_to_the_end() -> None:
 
 
 def test_what_carries_values_and_errors_is_left_out() -> None:
-    """`core/images.py` imports `shaftpose.errors` and `shaftpose.files`."""
-    assert not names("shaftpose.errors", "shaftpose.settings.parts", "shaftpose.files")
+    """`core/images.py` imports `shaftpose.core.errors` and `shaftpose.core.files`."""
+    assert not names("shaftpose.core.errors", "shaftpose.settings.schema", "shaftpose.core.files")
 
 
 def test_imports_inside_functions_count() -> None:
@@ -32,11 +32,11 @@ def test_imports_inside_functions_count() -> None:
 
 
 def test_several_modules_are_united_in_order() -> None:
-    both = source_files(["shaftpose.network.nms", "shaftpose.network.matching"])
+    both = source_files(["shaftpose.network.nms", "shaftpose.network.ssd.matching"])
     assert both == sorted(both)
-    assert names("shaftpose.network.nms", "shaftpose.network.matching") == names(
+    assert names("shaftpose.network.nms", "shaftpose.network.ssd.matching") == names(
         "shaftpose.network.nms"
-    ) | names("shaftpose.network.matching")
+    ) | names("shaftpose.network.ssd.matching")
 
 
 @pytest.mark.parametrize("module", ["numpy", "pipelines.train", "shaftpose.no_such_module"])

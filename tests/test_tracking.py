@@ -8,7 +8,7 @@ import pytest
 from mlflow.entities.model_registry import ModelVersion
 
 from shaftpose import tracking
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 
 def test_a_queued_experiment_tracks_in_the_users_own_copy() -> None:

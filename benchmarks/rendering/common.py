@@ -14,7 +14,7 @@ from shaftpose.farm.blender_process import start_generator
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import by_path
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.parts import BackgroundSettings
+from shaftpose.settings.schema import BackgroundSettings
 from shaftpose.settings.tree import Settings
 
 if TYPE_CHECKING:

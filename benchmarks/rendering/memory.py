@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.rendering.common import SCRATCH
+from shaftpose.core.errors import InputError
 from shaftpose.core.shard_writer import shard_name
-from shaftpose.errors import InputError
 from shaftpose.farm.blender_process import IMAGE_DONE
 from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard

@@ -26,7 +26,7 @@ from shaftpose.rendering.meshes import Mesh
 from shaftpose.rendering.optics import pinhole_behind
 from shaftpose.rendering.scene import Light, Scene, Steel
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 _SAMPLES = 64
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's camera looks along -z with y up

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.rendering.common import in_processes, quiet_generator
-from shaftpose.handovers import read_handover
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.settings.parsing import to_json
+from shaftpose.stage_files import read_stage_file
 
 _FILE = "scenes.json"
 
@@ -33,7 +33,7 @@ def write_first_scenes(rendered: RenderedSet, count: int, folder: Path) -> None:
 
 def read_first_scenes(folder: Path) -> tuple[Scene, ...]:
     """The scenes that `write_first_scenes` wrote to a folder."""
-    return read_handover(folder / _FILE, FirstScenes, "write it again").scenes
+    return read_stage_file(folder / _FILE, FirstScenes, "write it again").scenes
 
 
 def _first_scenes(task: _Task) -> tuple[Scene, ...]:

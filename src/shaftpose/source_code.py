@@ -8,7 +8,15 @@ from pathlib import Path
 # These modules compute no results. The values they carry enter fingerprints directly.
 _PLUMBING = tuple(
     f"shaftpose.{name}"
-    for name in ("settings", "errors", "files", "handovers", "json_files", "origin", "source_code")
+    for name in (
+        "settings",
+        "core.errors",
+        "core.files",
+        "stage_files",
+        "core.json_files",
+        "origin",
+        "source_code",
+    )
 )
 
 

@@ -26,7 +26,7 @@ from mlflow.entities import LoggedModelStatus, Run, RunStatus  # noqa: E402
 from mlflow.exceptions import MlflowException  # noqa: E402
 from mlflow.models import infer_signature  # noqa: E402
 
-from shaftpose.errors import InputError  # noqa: E402
+from shaftpose.core.errors import InputError  # noqa: E402
 from shaftpose.nested import flatten  # noqa: E402
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from shaftpose.backgrounds.library import (
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.core.background_index import Background, read_library
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import centre_square
-from shaftpose.errors import InputError
 
 RANGES = VariationRanges(hue_deg=(-10, 10), saturation=(0.8, 1.2), brightness=(0.6, 0.8))
 RED = np.full((20, 30, 3), (200, 40, 30), dtype=np.uint8)

@@ -17,7 +17,7 @@ from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 ROOT = Path(__file__).parents[2]
 SIDE = 299

@@ -12,11 +12,11 @@ import pytest
 from shaftpose.checks.image_checks import Body, check_image, cylinder_depths, silhouette_ious
 from shaftpose.checks.rendered_image import read_image
 from shaftpose.checks.set_checks import ExpectedSet, find_problems, read_members, refuse
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import encode_jpeg
 from shaftpose.core.samples import Sample
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import Distortion, LensSettings
+from shaftpose.settings.schema import Distortion, LensSettings
 from tests.checks.rendered_sets import (
     BACKGROUNDS,
     BELOW,

@@ -15,8 +15,8 @@ from shaftpose.checks.set_checks import (
     find_problems,
     refuse,
 )
+from shaftpose.core.errors import InputError
 from shaftpose.core.shard_writer import ShardWriter
-from shaftpose.errors import InputError
 from tests.checks.rendered_sets import (
     ABOVE,
     BELOW,

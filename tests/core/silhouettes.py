@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.contour import Shaft
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.refinement.contour import Shaft
 
 SIDE_PX, VIEW_DEG, FINER = 299, 95.0, 4
 CAMERA = Camera.from_field_of_view(SIDE_PX, SIDE_PX, VIEW_DEG)

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import centre_square, decode_rgb, encode_jpeg, read_rgb, write_jpeg
-from shaftpose.errors import InputError
 
 
 def smooth_image(height: int, width: int) -> np.ndarray:

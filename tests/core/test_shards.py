@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.masks import mask_box
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.core.shards import ShardedDataset, holds, is_whole, shard_paths
-from shaftpose.errors import InputError
 from tests.core.small_shards import SIZE, make_sample, read_member, write_shard
 
 

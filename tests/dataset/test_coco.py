@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.coco import (
@@ -22,7 +23,6 @@ from shaftpose.dataset.coco import (
     write_coco,
 )
 from shaftpose.dataset.run_lengths import encode
-from shaftpose.errors import InputError
 
 
 def write_image(path: Path, width: int, height: int) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.core.split_lists import PARTS, read_keys
+from shaftpose.core.errors import InputError
 from shaftpose.dataset.split import Split, split_images, subset_with_sum, write_split
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import SplitSettings
+from shaftpose.dataset.split_lists import PARTS, read_keys
+from shaftpose.settings.schema import SplitSettings
 
 GROUPED = SplitSettings(method="grouped", test=0.1, validation=0.05)
 RANDOM = SplitSettings(method="random", test=0.1, validation=0.05)

@@ -12,13 +12,14 @@ import pytest
 import torch
 import yaml
 
-from shaftpose.core.batches import Batch
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.batches import Batch
 from shaftpose.dataset.coco import RealImage, RealInstrument
 from shaftpose.dataset.run_lengths import encode
 from shaftpose.dataset.skipped import SkippedImages
@@ -32,7 +33,6 @@ from shaftpose.dataset.training_data import (
     pad_batch,
 )
 from shaftpose.dataset.transforms import UniformNoise
-from shaftpose.errors import InputError
 
 SIZE = 32
 BOX = [4.0, 8.0, 16.0, 24.0]

@@ -15,7 +15,7 @@ from shaftpose.core.shard_writer import shard_name
 from shaftpose.farm.blender_process import IMAGE_DONE
 from shaftpose.farm.set_folder import write_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
-from shaftpose.settings.parts import CadSettings, RenderSettings
+from shaftpose.settings.schema import CadSettings, RenderSettings
 from tests.rendering.blender_process import run_python
 
 START = """

@@ -12,10 +12,10 @@ import psutil
 import pytest
 from distributed import Client, LocalCluster
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm import workers
 from shaftpose.farm.cluster import cluster_client, slurm_cluster
-from shaftpose.settings.parts import ClusterSettings, SlurmSettings
+from shaftpose.settings.schema import ClusterSettings, SlurmSettings
 
 SLURM = SlurmSettings(queue="long", cores=32, memory="64GB", walltime="12:00:00", jobs=4)
 

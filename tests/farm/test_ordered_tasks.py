@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from distributed import Client, LocalCluster
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm import ordered_tasks
 from shaftpose.farm.ordered_tasks import in_order
 from shaftpose.farm.workers import client_of

@@ -20,9 +20,9 @@ import psutil
 import pytest
 from distributed import Client
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.errors import InputError
 from shaftpose.farm import render_sets
 from shaftpose.farm import workers as dask_workers
 from shaftpose.farm.cluster import cluster_client
@@ -30,7 +30,7 @@ from shaftpose.farm.render_sets import render_set
 from shaftpose.farm.shard_task import ATTEMPTS
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene import SceneSampler
-from shaftpose.settings.parts import ClusterSettings, RenderSettings
+from shaftpose.settings.schema import ClusterSettings, RenderSettings
 from tests.rendering.blender_process import start_python
 
 IMAGES, PER_SHARD, SHARDS = 8, 4, 2
@@ -39,7 +39,7 @@ PATIENCE_S = 600.0  # enough for a busy machine
 RENDER_SET = """
 import signal
 import sys
-from shaftpose.settings.parts import ClusterSettings
+from shaftpose.settings.schema import ClusterSettings
 from shaftpose.farm.cluster import cluster_client
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.farm.render_sets import render_set

@@ -13,12 +13,12 @@ import pytest
 import trimesh
 
 import shaftpose
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm.set_folder import link_shards, read_set, write_set
 from shaftpose.rendering import rendered_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.settings.parts import CadSettings, RenderSettings
+from shaftpose.settings.schema import CadSettings, RenderSettings
 from shaftpose.source_code import source_files
 
 

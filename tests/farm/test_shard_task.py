@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm import shard_task
 from shaftpose.farm.shard_task import (
     ATTEMPTS,

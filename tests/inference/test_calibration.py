@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.calibration import Calibration, read_calibration
 
 FILE = """%YAML:1.0

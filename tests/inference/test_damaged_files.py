@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
+from shaftpose.export.onnx_export import store_facts
+from shaftpose.inference.model_facts import ModelFacts
 
 IMAGES, MODELS = 800, 300
 FORMATS = ("png", "jpg", "bmp", "tiff", "webp")
@@ -20,8 +20,8 @@ import sys
 import numpy as np
 import onnxruntime
 from pathlib import Path
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
+from shaftpose.inference.predictor import Predictor
+from shaftpose.core.errors import InputError
 
 onnxruntime.set_default_logger_severity(4)
 for line in sys.stdin:
@@ -66,8 +66,8 @@ def test_each_image_gives_a_result_or_an_error(constant_model: Path, tmp_path: P
     files = list(damaged_images(folder))
     store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     done = subprocess.run(
-        [sys.executable, "-c", "from shaftpose.cli import main; main()", "predict", str(folder),
-         "--model", str(constant_model), "--view-deg", "95", "--diameter-mm", "3"],
+        [sys.executable, "-c", "from shaftpose.cli.main import main; main()", "predict",
+         str(folder), "--model", str(constant_model), "--view-deg", "95", "--diameter-mm", "3"],
         capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     assert done.returncode == 1

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.errors import InputError
 from shaftpose.inference.formats import BopLines, csv_lines, format_of_run, json_line
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
-from shaftpose.errors import InputError
 from shaftpose.inference.frame_cameras import calibrated, known_camera, stated_view
 from tests.inference.test_calibration import FILE
 

@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 import pytest
 
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.export.onnx_export import store_facts
 from shaftpose.inference import image_chunks
 from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.frames import Source
 from shaftpose.inference.image_chunks import Chunk, PredictedImage, Prediction, predicted_images
 from shaftpose.inference.image_files import ImageFile
+from shaftpose.inference.model_facts import ModelFacts
 from shaftpose.inference.sources import sources
 
 Work = Callable[[Chunk], Prediction]

@@ -6,7 +6,7 @@ from threading import Event
 import cv2
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.live_streams import LiveStream, NewestFrames
 from tests.inference.videos import write_video
 

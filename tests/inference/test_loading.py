@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.errors import InputError
+from shaftpose.export.onnx_export import store_facts
 from shaftpose.inference.loading import load
+from shaftpose.inference.model_facts import ModelFacts
 from tests.inference.test_calibration import FILE
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.frames import Frame
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.unwritable import UnwritableError

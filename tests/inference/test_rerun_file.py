@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shaftpose.cli import main
+from shaftpose.cli.main import main
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.inference.found_shafts import FoundShaft, axis_points
 from shaftpose.inference.frames import Frame

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
-from shaftpose.errors import InputError
 from shaftpose.inference.image_files import ImageFile
 from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.sources import sources

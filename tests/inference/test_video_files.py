@@ -5,7 +5,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.video_files import VideoFile, frame_rate
 from tests.inference.videos import write_video
 

@@ -13,7 +13,7 @@ from lightning import Callback, Trainer
 
 from shaftpose.core.instruments import Annotations
 from shaftpose.dataset.training_data import Images, LabelledImage, TrainingData, TrainingStream
-from shaftpose.network.pose_coding import RegressionCoder
+from shaftpose.network.ssd.pose_coding import RegressionCoder
 from shaftpose.training.curves import Curves
 from shaftpose.training.module import ShaftModule
 from tests.network.tiny import LIMITS, tiny_d

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-ONNX_ONLY = "import shaftpose.deployment.onnx_export"
+ONNX_ONLY = "import shaftpose.export.onnx_export"
 ALL_OF_NETWORK = "import shaftpose.training.module, shaftpose.network.checkpoint"
 
 

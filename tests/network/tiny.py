@@ -2,12 +2,12 @@
 
 import torch
 
-from shaftpose.network.heads import ArchitectureD
-from shaftpose.network.inception_v4 import InceptionV4Features
-from shaftpose.network.pose_coding import PoseCoder
-from shaftpose.network.single_shot import SingleShotNetwork
-from shaftpose.network.single_shot_loss import ShaftLoss
-from shaftpose.settings.parts import DetectionSettings
+from shaftpose.network.ssd.heads import ArchitectureD
+from shaftpose.network.ssd.inception_v4 import InceptionV4Features
+from shaftpose.network.ssd.loss import ShaftLoss
+from shaftpose.network.ssd.pose_coding import PoseCoder
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
+from shaftpose.settings.schema import DetectionSettings
 
 LIMITS = DetectionSettings(
     top_k=250, nms_iou=0.5, max_detections=20, confidence_threshold=None, refine="edges"

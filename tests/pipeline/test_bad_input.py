@@ -11,12 +11,12 @@ import torch
 
 from shaftpose.backgrounds.library import write_library
 from shaftpose.backgrounds.variations import VariationRanges
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.real_folder import copy_real
-from shaftpose.errors import InputError
 from tests.pipeline.conftest import Run
 
 

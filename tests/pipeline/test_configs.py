@@ -10,11 +10,11 @@ import yaml
 from hydra import compose, initialize_config_dir
 from lightning import Trainer
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.network.building import build_network
-from shaftpose.network.dense_network import DenseNetwork
-from shaftpose.network.pose_bins import BinCoder
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.dense.network import DenseNetwork
+from shaftpose.network.ssd.pose_bins import BinCoder
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.tree import check_variants
 from tests.evaluations import RANGES
 from tests.pipeline.conftest import ROOT, Run, recipe_with, settings_with

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.shard_writer import shard_name
-from shaftpose.errors import InputError
 from shaftpose.training import resume
 from shaftpose.training.data_identity import about_data
 from shaftpose.training.recipe import Recipe, code_files, fingerprint
@@ -37,7 +37,7 @@ def identity(recipe: Recipe) -> str:
         {"size": {"optimizer": "adam"}},
         {"variant": {"noise": 5}},
         {"variant": {"start": None}},
-        {"variant": {"network": {"_target_": "shaftpose.network.single_shot.other"}}},
+        {"variant": {"network": {"_target_": "shaftpose.network.ssd.single_shot.other"}}},
         {"training": {"gradient_clip": 1.0}},
         {"training": {"frozen_norm_share": 0.5}},
         {"trainer": {"strategy": "ddp"}},

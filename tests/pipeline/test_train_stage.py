@@ -14,8 +14,8 @@ import yaml
 from torch import nn
 
 from shaftpose.core.shards import shard_paths
-from shaftpose.core.split_lists import read_keys
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.dataset.split_lists import read_keys
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.data_identity import real_digest, rendered_digest

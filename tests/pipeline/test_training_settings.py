@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 import torch
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import Detections
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import first_images, read_keys
 from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.split_lists import first_images, read_keys
 from shaftpose.dataset.training_data import TrainingData, TrainingStream
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
-from shaftpose.deployment.export import validated_confidence
-from shaftpose.deployment.prediction import confidence_threshold
-from shaftpose.errors import InputError
+from shaftpose.export.model_file import validated_confidence
+from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.network.building import initial_network
 from shaftpose.network.pose_network import PoseNetwork
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training import assembly
 from shaftpose.training.assembly import build_module
 from tests.pipeline.conftest import recipe_with, settings_with

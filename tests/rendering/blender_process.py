@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from shaftpose.settings.parsing import to_json
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 
 def start_python(
@@ -20,9 +20,9 @@ def start_python(
     lines = [
         "import json",
         "from pathlib import Path",
-        "from shaftpose.handovers import read_handover",
-        "from shaftpose.settings.parts import RenderSettings",
-        f"settings = read_handover(Path({str(folder / 'settings.json')!r}), RenderSettings, '')",
+        "from shaftpose.stage_files import read_stage_file",
+        "from shaftpose.settings.schema import RenderSettings",
+        f"settings = read_stage_file(Path({str(folder / 'settings.json')!r}), RenderSettings, '')",
         f"globals().update(json.loads({json.dumps(arguments)!r}))",
         script,
     ]

@@ -15,7 +15,7 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Sample
 from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 if TYPE_CHECKING:
     from shaftpose.rendering.generator import Generator

@@ -15,7 +15,7 @@ from shaftpose.core.images import read_rgb
 from shaftpose.core.samples import Sample, encode_sample
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.rendering.scene import Scene
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 from tests.rendering.blender_process import run_python
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import trimesh
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.rendering.cad import cad_mesh
-from shaftpose.settings.parts import CadSettings
+from shaftpose.settings.schema import CadSettings
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 from tests.rendering.blender_process import run_python
 
 SEED = 11

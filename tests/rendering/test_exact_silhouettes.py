@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.poses import PoseSampler
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 from tests.rendering.blender_process import run_python
 
 POSES = 200

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_outline, shaft_mesh
 from shaftpose.rendering.poses import PoseSampler
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 DIAMETER_MM, LENGTH_MM = 3.0, 150.0
 # Passes next to the camera and behind it: 60 % of it lies behind the image plane.

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
-from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with, middle_camera, pinhole_behind, seen_by
-from shaftpose.settings.parts import Distortion, RenderSettings
+from shaftpose.settings.schema import Distortion, RenderSettings
 
 SIZE_MM = 3.0, 150.0
 POSES = [

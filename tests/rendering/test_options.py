@@ -20,7 +20,7 @@ from shaftpose.core.masks import mask_box
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.settings.parts import CadSettings, Distortion, RenderSettings
+from shaftpose.settings.schema import CadSettings, Distortion, RenderSettings
 from tests.rendering.blender_process import run_python
 
 IMAGES = 5

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
-from shaftpose.errors import InputError
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
-from shaftpose.settings.parts import PoseRanges, RenderSettings
+from shaftpose.settings.schema import PoseRanges, RenderSettings
 
 IMAGES = 20  # of one shaft, and as many of two
 STEP_MM = 0.1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.scene import Scene, SceneSampler
-from shaftpose.settings.parts import RenderSettings, ShaftSettings
+from shaftpose.settings.schema import RenderSettings, ShaftSettings
 
 SCENES = 200
 SEED = 12

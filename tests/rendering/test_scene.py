@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, cylinder_depth
 from shaftpose.core.masks import crossed_share
-from shaftpose.errors import InputError
 from shaftpose.rendering.scene import Film, Lens, Scene, SceneSampler, Steel
-from shaftpose.settings.parts import Distortion, Range, RenderSettings, SceneSettings
+from shaftpose.settings.schema import Distortion, Range, RenderSettings, SceneSettings
 
 IMAGES = 12
 

@@ -3,11 +3,11 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.rendering.meshes import Mesh, shaft_mesh, wrapped_uv
 from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
 from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import ShaftSettings
+from shaftpose.settings.schema import ShaftSettings
 
 TIPS = ("flat", "chamfered", "rounded", "forceps")
 

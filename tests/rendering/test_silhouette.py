@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.rendering.poses import PoseSampler
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 from tests.rendering.blender_process import run_python
 
 NEAR = ShaftPose(-12.0, 0.0, 20.0, 90.0, 0.0)

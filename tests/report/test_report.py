@@ -11,10 +11,10 @@ import pytest
 from matplotlib.figure import Figure
 from playwright.sync_api import Browser, sync_playwright
 
-from shaftpose.core.figure_style import save_figure
-from shaftpose.errors import InputError
-from shaftpose.evaluation.binned_errors import ErrorBin
-from shaftpose.evaluation.summary import ErrorSummary, Summary
+from shaftpose.core.errors import InputError
+from shaftpose.figures.style import save_figure
+from shaftpose.metrics.binned_errors import ErrorBin
+from shaftpose.metrics.summary import ErrorSummary, Summary
 from shaftpose.origin import Origin
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title

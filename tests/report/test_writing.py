@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from shaftpose.evaluation.silhouette_iou import SilhouetteScore
-from shaftpose.json_files import write_json
+from shaftpose.core.json_files import write_json
+from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.report import writing
 from shaftpose.report.ablation import variant_row
 from tests.evaluations import accuracy, evaluation, with_real

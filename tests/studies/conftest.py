@@ -11,9 +11,9 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.evaluation.metrics import Metrics
+from shaftpose.export.onnx_export import store_facts
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.metrics.metrics import Metrics
 from shaftpose.training.data_identity import rendered_digest
 from studies.model_comparison import Comparison
 from tests.conftest import BOXES, SIDE

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.errors import InputError
-from shaftpose.evaluation.binned_errors import BINS, ErrorBin
-from shaftpose.evaluation.common_instruments import FoundInstruments
-from shaftpose.handovers import RealFacts
-from shaftpose.json_files import write_json
+from shaftpose.core.errors import InputError
+from shaftpose.core.json_files import write_json
+from shaftpose.metrics.binned_errors import BINS, ErrorBin
+from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow
 from shaftpose.report.report import to_json
+from shaftpose.stage_files import RealFacts
 from studies import write_results_page as results_page
 from studies.aggregate import by_scale, repeated, rows_of
 from studies.paper_order import Change, changes

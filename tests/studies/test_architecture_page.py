@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.settings.tree import read_variant
 from studies import architecture_tables
 

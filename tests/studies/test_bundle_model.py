@@ -9,12 +9,12 @@ import onnx
 import pytest
 from onnx import ModelProto, numpy_helper
 
-from shaftpose.deployment import bundled
-from shaftpose.deployment.bundled import bundled_model
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
-from shaftpose.evaluation.silhouette_iou import SilhouetteScore
-from shaftpose.json_files import write_json
+from shaftpose.core.errors import InputError
+from shaftpose.core.json_files import write_json
+from shaftpose.inference import bundled
+from shaftpose.inference.bundled import bundled_model
+from shaftpose.inference.predictor import Predictor
+from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from studies import bundle_model
 from studies.model_frames import complaints
 from tests.conftest import BOXES

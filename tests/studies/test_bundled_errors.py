@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from shaftpose.core.errors import InputError
+from shaftpose.core.json_files import write_json
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.deployment.bundled import bundled_model, checksum
-from shaftpose.deployment.model_facts import ModelFacts
-from shaftpose.deployment.onnx_export import store_facts
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
-from shaftpose.json_files import write_json
+from shaftpose.export.onnx_export import store_facts
+from shaftpose.inference.bundled import bundled_model, checksum
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.predictor import Predictor
 from studies.bundled_errors import RECORDS, BundledErrors, measured, recorded, table
 from tests.evaluations import METRICS
 from tests.studies.conftest import SHAFT, sample

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.evaluation.results import Evaluation
 from studies import evaluate_trainings
 from studies import write_results_page as results_page

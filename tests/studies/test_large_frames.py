@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import Detections
-from shaftpose.errors import InputError
 from shaftpose.settings.compose import composed_settings
 from studies.large_frames import error_table, poses, table
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from studies import learning_tables
 
 ROOT = Path(__file__).parents[2]

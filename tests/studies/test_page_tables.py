@@ -2,7 +2,7 @@
 
 import pytest
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from studies.page_tables import with_tables
 
 PAGE = "before\n<!-- a: make a -->\n\nold\n\n<!-- end of a -->\nafter\n"

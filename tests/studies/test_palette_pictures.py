@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from shaftpose.core.figure_style import save_figure
+from shaftpose.figures.style import save_figure
 from studies.palette_pictures import main
 
 

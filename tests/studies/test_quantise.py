@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.errors import InputError
-from shaftpose.evaluation.pose_errors import errors_between
+from shaftpose.metrics.pose_errors import errors_between
 from studies import quantise
 from studies.model_comparison import growth_between
 from studies.quantise import eight_bit_model, too_much_lost

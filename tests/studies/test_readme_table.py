@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from shaftpose.errors import InputError
-from shaftpose.evaluation.metrics import Metrics
+from shaftpose.core.errors import InputError
+from shaftpose.metrics.metrics import Metrics
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow
 from studies.readme_table import table, with_table
 

@@ -7,7 +7,7 @@ import mlflow
 import pytest
 
 from shaftpose import tracking
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from studies import draw_sweep as sweep_figure
 from studies import write_results_page as results_page
 

@@ -10,11 +10,11 @@ import torch
 from lightning import Callback, LightningModule, Trainer
 from torch.utils.data import DataLoader, Dataset
 
-from shaftpose.core.batches import Batch, Targets
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.dataset.batches import Batch, Targets
 from shaftpose.network.checkpoint import load_network_weights, resumed_step
 from shaftpose.network.detector import ShaftDetector
-from shaftpose.network.single_shot import SingleShotNetwork
+from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.module import ShaftModule
 from tests.network.tiny import LIMITS
 

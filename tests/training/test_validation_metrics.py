@@ -11,10 +11,10 @@ from lightning import LightningModule
 from torch import Tensor
 from torch.utils.data import DataLoader
 
-from shaftpose.core.batches import Batch
 from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.dataset.batches import Batch
 from shaftpose.dataset.training_data import pad_batch
-from shaftpose.evaluation.metrics import Metrics, evaluate
+from shaftpose.metrics.metrics import Metrics, evaluate
 from shaftpose.training.assembly import build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.validation_metrics import LOGGED, annotations

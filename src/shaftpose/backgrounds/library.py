@@ -19,11 +19,11 @@ from shaftpose.backgrounds.variations import (
     vary_colour,
 )
 from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_csv
 from shaftpose.core.images import Image, centre_square, read_rgb, write_jpeg
 from shaftpose.core.random_streams import streams
-from shaftpose.errors import InputError
-from shaftpose.files import write_csv
-from shaftpose.settings.parts import BackgroundSettings
+from shaftpose.settings.schema import BackgroundSettings
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
 JPEG_QUALITY = 95

@@ -8,8 +8,8 @@ import numpy as np
 
 from shaftpose.checks.image_facts import ImageFacts
 from shaftpose.core.geometry import Array
-from shaftpose.core.markdown import pipe_table
-from shaftpose.settings.parts import Range, RenderSettings
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.settings.schema import Range, RenderSettings
 
 # Counted items -> quantity -> axis label.
 QUANTITIES = {

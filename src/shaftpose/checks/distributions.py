@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import COLOURS, finish, legend, new_figure
 from shaftpose.core.geometry import Array
+from shaftpose.figures.style import COLOURS, finish, legend, new_figure
 
 COLUMNS, BINS = 5, 30
 

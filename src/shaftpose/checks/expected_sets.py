@@ -7,7 +7,7 @@ from shaftpose.checks.image_checks import Body
 from shaftpose.checks.set_checks import ExpectedSet
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.settings.parts import ShaftSettings
+from shaftpose.settings.schema import ShaftSettings
 
 
 def expected_sets(sets: Mapping[str, RenderedSet], folder: Path) -> dict[str, ExpectedSet]:

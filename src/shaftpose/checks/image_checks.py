@@ -17,6 +17,7 @@ from shaftpose.checks.rendered_image import (
     SceneFacts,
     read_image,
 )
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import (
     Array,
     Camera,
@@ -28,9 +29,8 @@ from shaftpose.core.geometry import (
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.masks import crossed_share, is_crossed, mask_box
 from shaftpose.core.samples import SHAFT_OBJECT_ID
-from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with
-from shaftpose.settings.parts import LensSettings, PoseRanges, RenderSettings, SceneSettings
+from shaftpose.settings.schema import LensSettings, PoseRanges, RenderSettings, SceneSettings
 
 LEAST_IOU = 0.95  # between a mask and the silhouette computed from pose and camera
 # Nearest-neighbour distortion of a mask moves its edges by up to half a pixel.

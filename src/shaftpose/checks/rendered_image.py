@@ -13,11 +13,11 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import decode_rgb
 from shaftpose.core.masks import decode_mask
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import Count
+from shaftpose.settings.schema import Count
 
 _FINITE = ConfigDict(allow_inf_nan=False)
 _Matrix = Annotated[list[float], Field(min_length=9, max_length=9)]  # (3, 3), row by row

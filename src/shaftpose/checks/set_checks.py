@@ -13,11 +13,11 @@ from tqdm import tqdm
 
 from shaftpose.checks.image_checks import Body, check_image
 from shaftpose.checks.image_facts import ImageFacts
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shards import is_whole, render_anew
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "source", "hue_deg", "saturation", "brightness")

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import new_file
 
 Image = NDArray[np.uint8]
 

@@ -10,6 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
+
 UNKNOWN = 255  # in a map of instruments: a pixel whose instrument is not annotated
 POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 
@@ -47,3 +49,20 @@ class Detections:
     def rows(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
         """The detections with these numbers, or where `chosen` (K,) is true."""
         return replace(self, **{name: values[chosen] for name, values in vars(self).items()})
+
+
+def unpadded(
+    boxes: NDArray[np.floating], scores: NDArray[np.floating], poses: NDArray[np.floating]
+) -> list[Detections]:
+    """Decoded outputs (B, K, 4), (B, K), (B, K, 5) image by image; those of score 0 are padding.
+
+    Raises InputError if one of them is NaN or infinite: it would compare as no detection, or spoil
+    means.
+    """
+    arrays = [values.astype(np.float64) for values in (boxes, scores, poses)]
+    if not all(np.isfinite(values).all() for values in arrays):
+        raise InputError(
+            "the model finds boxes, scores or poses that are not finite: export it again, or train "
+            "it again"
+        )
+    return [Detections(b[s > 0], s[s > 0], p[s > 0]) for b, s, p in zip(*arrays, strict=True)]

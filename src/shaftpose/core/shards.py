@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import decode_rgb
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.masks import decode_mask
 from shaftpose.core.samples import SUFFIXES, corners
-from shaftpose.errors import InputError
 
 
 @dataclass(frozen=True)

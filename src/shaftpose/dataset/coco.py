@@ -13,15 +13,15 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import AliasPath, ConfigDict, Field
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image, centre_square, read_rgb
+from shaftpose.core.json_files import write_json
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset import run_lengths
 from shaftpose.dataset.polygons import crossing
 from shaftpose.dataset.run_lengths import RunLengths
-from shaftpose.errors import InputError
-from shaftpose.json_files import write_json
 from shaftpose.settings.parsing import parse
-from shaftpose.settings.parts import PositiveInt
+from shaftpose.settings.schema import PositiveInt
 
 log = logging.getLogger(__name__)
 

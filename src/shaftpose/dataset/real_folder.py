@@ -3,9 +3,9 @@
 import shutil
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import new_file
 from shaftpose.dataset.coco import check_masks, read_coco, read_pixels
-from shaftpose.errors import InputError
-from shaftpose.files import new_file
 
 PARTS = ("train", "test")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from shaftpose.core.split_lists import PARTS
-from shaftpose.errors import InputError
-from shaftpose.files import write_csv
-from shaftpose.settings.parts import SplitSettings
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_csv
+from shaftpose.dataset.split_lists import PARTS
+from shaftpose.settings.schema import SplitSettings
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ from lightning.fabric.utilities.data import suggested_max_num_workers
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from shaftpose.core.batches import Batch, Targets
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.batches import Batch, Targets
 from shaftpose.dataset.coco import RealImage, load_square
 from shaftpose.dataset.similarities import random_similarity
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.symmetries import random_symmetry
-from shaftpose.errors import InputError
 
 Transform = Callable[[NDArray[np.uint8], np.random.Generator], NDArray[np.uint8]]
 LabelledImage = tuple[NDArray[np.uint8], Annotations]  # (H, W, 3) uint8 RGB and its annotations

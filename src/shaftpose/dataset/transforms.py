@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.images import Image
-from shaftpose.settings.parts import Range
+from shaftpose.settings.schema import Range
 
 # NTSC luma and chroma: in the chroma plane, hue is an angle and saturation a length.
 _RGB_TO_YIQ = np.array(

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from shaftpose.evaluation.binned_errors import ErrorBin
-from shaftpose.evaluation.common_instruments import FoundInstruments
-from shaftpose.evaluation.metrics import Metrics
-from shaftpose.evaluation.summary import Summary
-from shaftpose.handovers import TrainingFacts
+from shaftpose.metrics.binned_errors import ErrorBin
+from shaftpose.metrics.common_instruments import FoundInstruments
+from shaftpose.metrics.metrics import Metrics
+from shaftpose.metrics.summary import Summary
 from shaftpose.origin import Origin
+from shaftpose.stage_files import TrainingFacts
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import naming_full_disk
 from shaftpose.core.shard_writer import ShardWriter
-from shaftpose.errors import InputError
 from shaftpose.farm.set_folder import read_set
-from shaftpose.files import naming_full_disk
 from shaftpose.rendering import cad
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 

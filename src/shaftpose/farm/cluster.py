@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import dask.config
 from distributed import Client
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm.workers import PAGES, client_of
-from shaftpose.settings.parts import ClusterSettings, SlurmSettings
+from shaftpose.settings.schema import ClusterSettings, SlurmSettings
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster

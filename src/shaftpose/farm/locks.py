@@ -7,7 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TypeVar
 from distributed import Client, Future, KilledWorker
 from distributed.client import ClosedClientError
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

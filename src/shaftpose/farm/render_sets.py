@@ -10,14 +10,14 @@ from typing import Any
 from distributed import Client, Future, KilledWorker, as_completed
 from tqdm import tqdm
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import naming_full_disk
 from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.set_folder import link_shards, write_set
 from shaftpose.farm.shard_task import RunParameters, render_shard
-from shaftpose.files import naming_full_disk
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
-from shaftpose.settings.parts import ClusterSettings
+from shaftpose.settings.schema import ClusterSettings
 
 logger = logging.getLogger(__name__)
 

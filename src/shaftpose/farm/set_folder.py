@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from shaftpose.files import new_file
-from shaftpose.handovers import read_handover
+from shaftpose.core.files import new_file
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.settings.parsing import to_json
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
+from shaftpose.stage_files import read_stage_file
 
 _SET = "set.json"
 _SHARD = re.compile(r"shard-\d{6,}\.tar(\.part)?")  # see `shard_name`; `.part`: an unfinished copy
@@ -39,7 +39,7 @@ def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
 
 def read_set(folder: Path) -> RenderedSet:
     """The set that `folder` describes. Raises InputError if the description is damaged."""
-    return read_handover(folder / _SET, RenderedSet, "render the set again")
+    return read_stage_file(folder / _SET, RenderedSet, "render the set again")
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:

@@ -18,7 +18,7 @@ from typing import IO
 
 from distributed import get_worker
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.farm.blender_process import COMPLAINT, IMAGE_DONE, WARNING
 from shaftpose.rendering.rendered_set import Shard, software
 

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 from distributed import Client, LocalCluster
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 logger = logging.getLogger(__name__)
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import (
+from shaftpose.figures.style import (
     COLOURS,
     INK,
     SOFT,
@@ -15,9 +15,9 @@ from shaftpose.core.figure_style import (
     line_style,
     new_figure,
 )
-from shaftpose.evaluation.average_precision import PrecisionRecall, average_precision
-from shaftpose.evaluation.boxes import Array
-from shaftpose.evaluation.pose_errors import PoseErrors
+from shaftpose.metrics.detection.average_precision import PrecisionRecall, average_precision
+from shaftpose.metrics.detection.boxes import Array
+from shaftpose.metrics.pose_errors import PoseErrors
 
 POSE_LABELS = ("x [mm]", "y [mm]", "z [mm]", "pitch [deg]", "yaw [deg]")
 BINS = 12

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import (
+from shaftpose.figures.style import (
     COLOURS,
     finish,
     legend,
     line_style,
     new_figure,
 )
-from shaftpose.evaluation.binned_errors import BIAS, BINS, ERRORS, ErrorBin
+from shaftpose.metrics.binned_errors import BIAS, BINS, ERRORS, ErrorBin
 
 QUANTITY_LABELS = {
     "z_mm": "true z [mm]",

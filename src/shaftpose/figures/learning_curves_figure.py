@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import finish, legend, line_style, new_figure
+from shaftpose.figures.style import finish, legend, line_style, new_figure
 
 Curves = Sequence[tuple[int, str, float]]  # rows of step, name and value of one training
 

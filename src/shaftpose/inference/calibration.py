@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 Array = NDArray[np.float64]
 

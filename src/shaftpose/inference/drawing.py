@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import cv2
 
-from shaftpose.core.drawing import (
+from shaftpose.core.images import Image
+from shaftpose.figures.drawing import (
     FOUND,
     LINE_PX,
     SUBPIXEL_BITS,
@@ -12,7 +13,6 @@ from shaftpose.core.drawing import (
     subpixel_grid,
     write_text,
 )
-from shaftpose.core.images import Image
 from shaftpose.inference.found_shafts import FoundShaft
 
 _PLAIN_PX = 299  # side of a frame with lines of one pixel

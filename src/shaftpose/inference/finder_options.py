@@ -3,11 +3,10 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from shaftpose.core.backend import Backend
-from shaftpose.core.refinement import Refinement
 from shaftpose.inference.frame_cameras import Warn
 from shaftpose.inference.loading import load
 from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.settings.choices import Backend, Refinement
 
 
 @dataclass(frozen=True)

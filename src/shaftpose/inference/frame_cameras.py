@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
-from shaftpose.errors import InputError
 from shaftpose.inference.calibration import Calibration, read_calibration
 from shaftpose.inference.views import CentreSquare, Resampled, View
 

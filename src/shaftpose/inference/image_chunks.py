@@ -10,8 +10,8 @@ from pathlib import Path
 from threading import Lock
 from uuid import uuid4
 
-from shaftpose.deployment.bundled import checksum
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.inference.bundled import checksum
 from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frame_cameras import Warn

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb
-from shaftpose.errors import InputError
 from shaftpose.inference.frames import Frame
 
 SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import cv2
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
 from shaftpose.inference.video_files import frame_rate, opencv_takes
 

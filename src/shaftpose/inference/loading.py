@@ -7,11 +7,8 @@ from typing import get_args
 
 import numpy as np
 
-from shaftpose.core.backend import Backend
-from shaftpose.core.refinement import Refinement
-from shaftpose.deployment.bundled import DEFAULT
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.inference.bundled import DEFAULT
 from shaftpose.inference.frame_cameras import (
     Views,
     Warn,
@@ -21,7 +18,9 @@ from shaftpose.inference.frame_cameras import (
     unknown_camera,
 )
 from shaftpose.inference.model_files import model_file
+from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)
 
@@ -43,7 +42,7 @@ def load(
     model: see `model_file`; None: the package's own. camera: OpenCV's calibration file; view_deg:
     instead, the angle across a frame's central square, without distortion. diameter_mm: of the
     shafts. score: the least of a detection; None: the model's own threshold. refine: see
-    `core.refinement`. backend: the program that runs the model.
+    `settings.choices`. backend: the program that runs the model.
     Raises InputError naming the file or the option if one cannot be used.
     """
     _check(camera, view_deg, diameter_mm, score)

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from shaftpose.deployment.bundled import DEFAULT, bundled_model, bundled_names
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.inference.bundled import DEFAULT, bundled_model, bundled_names
 
 REGISTRY = "mlflow:/"  # the beginning of a name in a model registry
 

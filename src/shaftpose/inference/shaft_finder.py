@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
-from shaftpose.deployment.predictor import Predictor
-from shaftpose.deployment.refinement.fitted_detections import FittedDetections
-from shaftpose.errors import InputError
 from shaftpose.inference.found_shafts import Array, FoundShaft, axis_px, box_px
 from shaftpose.inference.frame_cameras import Views
+from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View
+from shaftpose.refinement.fitted_detections import FittedDetections
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
 _STEP_PX = 0.01  # so near to the axis, no lens distorts

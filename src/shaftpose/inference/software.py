@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import onnxruntime
 
-from shaftpose.core.backend import Backend
+from shaftpose.settings.choices import Backend
 from shaftpose.source_code import source_files
 
 Versions = tuple[tuple[str, str], ...]  # of packages, by name

@@ -7,9 +7,9 @@ import numpy as np
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
-from shaftpose.core.pairing import nearest_pairs
 from shaftpose.inference.found_shafts import Array, FoundShaft
 from shaftpose.inference.frames import Frame
+from shaftpose.inference.pairing import nearest_pairs
 from shaftpose.inference.tracks import Measurement, Track
 
 # A shaft is the same one if its tip and axis are this near to where its track expects them.

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 
 class UnwritableError(InputError):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
 
 _USUAL_FPS = 25.0  # where a file or a device does not tell

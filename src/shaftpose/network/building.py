@@ -7,7 +7,7 @@ from hydra.utils import instantiate
 
 from shaftpose.network.checkpoint import Identity, load_network_weights, start_from_detector
 from shaftpose.network.pose_network import PoseNetwork
-from shaftpose.settings.parts import CameraSettings, LossSettings, PoseRanges, Size, Variant
+from shaftpose.settings.schema import CameraSettings, LossSettings, PoseRanges, Size, Variant
 
 
 def identity(variant: Variant, size: Size) -> Identity:

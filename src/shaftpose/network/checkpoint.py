@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.network.pose_network import PoseNetwork
 
 # A checkpoint and the network that loads it must agree in these: variant, width, depth.

@@ -3,12 +3,12 @@
 import torch
 from torch import Tensor
 
-from shaftpose.network.box_coding import decode_boxes
-from shaftpose.network.heads import HeadOutputs
 from shaftpose.network.nms import nms_mask
-from shaftpose.network.pose_coding import PoseCoder
 from shaftpose.network.pose_network import IMAGE_SIDE_PX, DecodedOutputs
-from shaftpose.settings.parts import DetectionSettings
+from shaftpose.network.ssd.box_coding import decode_boxes
+from shaftpose.network.ssd.heads import HeadOutputs
+from shaftpose.network.ssd.pose_coding import PoseCoder
+from shaftpose.settings.schema import DetectionSettings
 
 
 def decode(

@@ -3,7 +3,7 @@
 from torch import Tensor, nn
 
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork, normalise_images
-from shaftpose.settings.parts import DetectionSettings
+from shaftpose.settings.schema import DetectionSettings
 
 
 class ShaftDetector(nn.Module):

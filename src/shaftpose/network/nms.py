@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from shaftpose.network.boxes import pairwise_iou
+from shaftpose.network.ssd.boxes import pairwise_iou
 
 
 @torch.library.custom_op("shaftpose::nms_mask", mutates_args=())

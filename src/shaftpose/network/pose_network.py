@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from shaftpose.core.batches import Targets
-from shaftpose.settings.parts import CameraSettings, DetectionSettings
+from shaftpose.dataset.batches import Targets
+from shaftpose.settings.schema import CameraSettings, DetectionSettings
 
 IMAGE_SIDE_PX = CameraSettings.size_px
 COUNTS = frozenset({"matched"})  # loss terms that are counts; all others are means
@@ -55,7 +55,7 @@ class MaskNetwork(PoseNetwork):
         """The probability of a shaft, (B, h, w) in [0, 1]."""
 
     def edge_reader(self) -> nn.Module | None:
-        """What finds outlines in strips of an image (`network.edge_reader`), if it has one."""
+        """The reader of outlines in strips of an image (`network.dense.edge_reader`), or None."""
         return None
 
 

@@ -35,7 +35,7 @@ from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.regions import Region, cover
 from shaftpose.rendering.scene import Jaws, Light, Occluder, Scene
 from shaftpose.rendering.shapes import instrument_shape, jaws_mesh
-from shaftpose.settings.parts import RenderSettings, SceneSettings
+from shaftpose.settings.schema import RenderSettings, SceneSettings
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _LEAST_ROOM_MM = 60.0  # half edge of the cube with the background

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from trimesh import Trimesh
 from trimesh.intersections import slice_faces_plane
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.rendering.meshes import Mesh, wrapped_uv
-from shaftpose.settings.parts import CadSettings
+from shaftpose.settings.schema import CadSettings
 
 Array = NDArray[np.float64]
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.samples import Instrument, Sample, sample_key
-from shaftpose.errors import InputError
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
 from shaftpose.rendering.contact_shadow import contact_shadow
 from shaftpose.rendering.scene import Scene, SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 _MOST_DRAWS = 250
 

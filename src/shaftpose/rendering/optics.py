@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 
 def camera_with(settings: RenderSettings, k1: float, k2: float) -> Camera:

@@ -10,10 +10,10 @@ from enum import Enum
 
 import numpy as np
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, segment_distance
 from shaftpose.core.masks import crossed_share, is_crossed
-from shaftpose.errors import InputError
-from shaftpose.settings.parts import PoseRanges, SceneSettings, ShaftSettings
+from shaftpose.settings.schema import PoseRanges, SceneSettings, ShaftSettings
 
 MOST_TRIES = 10_000
 # Visibility is checked on every fourth pixel in each direction: accurate enough for a threshold.

@@ -12,7 +12,7 @@ from shaftpose.core.shard_writer import shard_name
 from shaftpose.core.shards import holds
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.parsing import to_json
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 from shaftpose.source_code import source_files
 
 # The modules that create the images and write them.

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.random_streams import Streams, streams
-from shaftpose.errors import InputError
 from shaftpose.rendering.optics import camera_with
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
 from shaftpose.rendering.shapes import instrument_shape, surrounding_rod
-from shaftpose.settings.parts import LensSettings, Range, RenderSettings, SceneSettings
+from shaftpose.settings.schema import LensSettings, Range, RenderSettings, SceneSettings
 
 _MOST_REDRAWS = 100
 # As estimated in laparoscopic images, where a coated shaft mostly ends with its coating: the share

@@ -7,7 +7,7 @@ from typing import Any
 
 from shaftpose.core.background_index import Background, hold_out, read_library
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.settings.parts import RenderSettings, Size
+from shaftpose.settings.schema import RenderSettings, Size
 
 # Scene settings of sets without occluders.
 CLEAR: dict[str, Any] = {"occluder_probability": 0.0, "crossing_probability": 0.0}

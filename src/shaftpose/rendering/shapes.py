@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from shaftpose.rendering.cad import cad_mesh
 from shaftpose.rendering.meshes import Mesh, revolved_mesh, shaft_mesh, wrapped_uv
-from shaftpose.settings.parts import ShaftSettings
+from shaftpose.settings.schema import ShaftSettings
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.blender import Renderer
-from shaftpose.settings.parts import RenderSettings
+from shaftpose.settings.schema import RenderSettings
 
 
 class SilhouetteRenderer:

@@ -10,7 +10,7 @@ from shaftpose.core.background_index import read_library
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
-from shaftpose.settings.parts import Distortion, RenderSettings, Size
+from shaftpose.settings.schema import Distortion, RenderSettings, Size
 
 # Seeds of the sets, relative to the project's seed, and their share of occluded images.
 SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shaftpose.errors import InputError
-from shaftpose.evaluation.binned_errors import ErrorBin
+from shaftpose.core.errors import InputError
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.evaluation.summary import Summary
+from shaftpose.metrics.binned_errors import ErrorBin
+from shaftpose.metrics.summary import Summary
 from shaftpose.origin import Origin
 from shaftpose.report.paper_numbers import TABLE_I
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from shaftpose.core.figure_style import COLOURS, SOFT, finish, legend, new_figure
+from shaftpose.figures.style import COLOURS, SOFT, finish, legend, new_figure
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import MetricValues, VariantRow, variant_title
 

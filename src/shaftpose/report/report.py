@@ -9,8 +9,8 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
-from shaftpose.core.markdown import escape, pipe_table
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.figures.markdown import escape, pipe_table
 from shaftpose.report import paper_numbers, report_tables
 from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow, variant_title
 from shaftpose.report.report_tables import MISSING, ComparedRow, show

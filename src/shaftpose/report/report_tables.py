@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-from shaftpose.evaluation.binned_errors import ErrorBin
-from shaftpose.evaluation.bootstrap import Interval
-from shaftpose.evaluation.summary import Summary
 from shaftpose.figures.binned_errors_figure import FEWEST
+from shaftpose.metrics.binned_errors import ErrorBin
+from shaftpose.metrics.bootstrap import Interval
+from shaftpose.metrics.summary import Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
     REAL,

@@ -8,19 +8,18 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from shaftpose.core.figure_style import save_figure
+from shaftpose.core.files import new_file
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import read_keys
-from shaftpose.evaluation.average_precision import PrecisionRecall
-from shaftpose.evaluation.metrics import constant_predictor
+from shaftpose.dataset.split_lists import read_keys
 from shaftpose.evaluation.results import Evaluation
-from shaftpose.evaluation.silhouette_iou import SilhouetteScore
 from shaftpose.figures.accuracy_figures import precision_recall_figure
 from shaftpose.figures.binned_errors_figure import binned_error_figure
 from shaftpose.figures.learning_curves_figure import learning_curve_figure
-from shaftpose.files import new_file
-from shaftpose.handovers import FITTED, read_domain, read_handover
+from shaftpose.figures.style import save_figure
+from shaftpose.metrics.detection.average_precision import PrecisionRecall
+from shaftpose.metrics.metrics import constant_predictor
+from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.report.ablation import (
     FIT,
     AblationReport,
@@ -33,6 +32,7 @@ from shaftpose.report.ablation import (
 )
 from shaftpose.report.ablation_figure import ablation_figure
 from shaftpose.report.report import to_html, to_json, to_markdown
+from shaftpose.stage_files import FITTED, read_domain, read_stage_file
 
 logger = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ def read_evaluations(folder: Path, variants: Sequence[str]) -> dict[str, Evaluat
     """The results of `evaluate`, by variant. Raises InputError naming a file that is missing."""
     remedy = "run `dvc repro evaluate`"
     return {
-        name: read_handover(folder / name / "evaluation.json", Evaluation, remedy)
+        name: read_stage_file(folder / name / "evaluation.json", Evaluation, remedy)
         for name in variants
     }
 
@@ -74,7 +74,7 @@ def read_silhouettes(folder: Path, variants: Sequence[str]) -> dict[str, dict[st
     rows: dict[str, dict[str, MetricValues]] = {}
     kind, remedy = dict[str, SilhouetteScore], "run `dvc repro evaluate_real`"
     for name in variants:
-        scores = read_handover(folder / name / "silhouette.json", kind, remedy)
+        scores = read_stage_file(folder / name / "silhouette.json", kind, remedy)
         for images, score in scores.items():
             fitted = images.startswith(FITTED)
             row = rows.setdefault(f"{name}{FIT}" if fitted else name, {})

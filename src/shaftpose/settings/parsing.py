@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ def _first_complaint(error: ValidationError, where: str) -> str:
 
 
 def to_json(settings: object) -> str:
-    """A settings object as JSON; `handovers.read_handover` reads it back."""
+    """A settings object as JSON; `stage_files.read_stage_file` reads it back."""
     return TypeAdapter(type(settings)).dump_json(settings, indent=1).decode()
 
 

@@ -13,7 +13,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.settings.tree import Settings, read_settings, read_size
 
 logger = logging.getLogger(__name__)

@@ -8,10 +8,10 @@ import yaml
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from shaftpose.core.scaling import block_counts, check_width
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
 from shaftpose.settings.parsing import as_mapping, parse
-from shaftpose.settings.parts import (
+from shaftpose.settings.scaling import block_counts, check_width
+from shaftpose.settings.schema import (
     BackgroundSettings,
     ClusterSettings,
     DetectionSettings,
@@ -74,8 +74,8 @@ _PARTS: dict[str, type] = {
 }
 # All keys of the top level: of params.yaml, and of conf/config.yaml.
 _KEYS = {
-    *_PARTS, *_RENDERING, "render", "real", "profile", "preset", "seed", "variants", "profiles", "size",
-    "trainer", "variant", "variant_file", "out", "results", "model_folder",
+    *_PARTS, *_RENDERING, "render", "real", "profile", "preset", "seed", "variants", "profiles",
+    "size", "trainer", "variant", "variant_file", "out", "results", "model_folder",
 }  # fmt: skip
 
 

@@ -17,10 +17,11 @@ from lightning.pytorch.callbacks import (
 )
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.core.split_lists import read_keys
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.split_lists import read_keys
 from shaftpose.dataset.training_data import (
     RealImages,
     RenderedImages,
@@ -29,10 +30,9 @@ from shaftpose.dataset.training_data import (
     Transform,
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
-from shaftpose.errors import InputError
 from shaftpose.network.building import identity, initial_network
 from shaftpose.network.pose_network import IMAGE_SIDE_PX
-from shaftpose.settings.parts import Augmentation
+from shaftpose.settings.schema import Augmentation
 from shaftpose.training.curves import Curves
 from shaftpose.training.last_checkpoint import LastCheckpoint
 from shaftpose.training.module import ShaftModule

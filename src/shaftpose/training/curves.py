@@ -6,7 +6,7 @@ from typing import Any
 
 from lightning.pytorch.loggers.logger import Logger
 
-from shaftpose.files import write_csv
+from shaftpose.core.files import write_csv
 
 
 class Curves(Logger):

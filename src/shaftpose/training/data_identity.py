@@ -5,11 +5,11 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.shards import shard_paths
-from shaftpose.core.split_lists import PARTS, read_keys
 from shaftpose.dataset.coco import read_coco
-from shaftpose.errors import InputError
-from shaftpose.handovers import DataFacts, RealFacts, read_domain
+from shaftpose.dataset.split_lists import PARTS, read_keys
+from shaftpose.stage_files import DataFacts, RealFacts, read_domain
 
 
 def about_data(with_real: bool, start: Path | None) -> DataFacts:

@@ -10,13 +10,13 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor, nn
 from torch.nn.utils import get_total_norm
 
-from shaftpose.core.batches import Batch
-from shaftpose.errors import InputError
+from shaftpose.core.errors import InputError
+from shaftpose.dataset.batches import Batch
 from shaftpose.network import ranks
 from shaftpose.network.checkpoint import Identity
-from shaftpose.network.layers import freeze_statistics
 from shaftpose.network.pose_network import COUNTS, PoseNetwork, normalise_images
-from shaftpose.settings.parts import DetectionSettings
+from shaftpose.network.ssd.layers import freeze_statistics
+from shaftpose.settings.schema import DetectionSettings
 from shaftpose.training.muon import Muon
 
 DECAY_POWER = 2.0  # exponent of the learning rate's polynomial decay, as in the paper

@@ -8,10 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from shaftpose.handovers import DataFacts
 from shaftpose.network.building import NetworkSettings
 from shaftpose.settings.parsing import as_plain
-from shaftpose.settings.parts import (
+from shaftpose.settings.schema import (
     CameraSettings,
     DetectionSettings,
     LossSettings,
@@ -23,6 +22,7 @@ from shaftpose.settings.parts import (
 )
 from shaftpose.settings.tree import Settings
 from shaftpose.source_code import source_files
+from shaftpose.stage_files import DataFacts
 from shaftpose.training.precision import native_precision
 
 # Settings of a training that may change before it resumes, and the names of a variant.

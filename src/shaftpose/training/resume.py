@@ -7,8 +7,8 @@ from pathlib import Path
 
 from filelock import AcquireReturnProxy, FileLock, Timeout
 
-from shaftpose.errors import InputError
-from shaftpose.files import new_file
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import new_file
 
 LAST_CHECKPOINT = "last.ckpt"
 

@@ -14,12 +14,12 @@ from lightning import Trainer, seed_everything
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
+from shaftpose.core.files import new_file
+from shaftpose.core.json_files import write_json
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
-from shaftpose.files import new_file
-from shaftpose.handovers import DataFacts, TrainingFacts
-from shaftpose.json_files import write_json
 from shaftpose.network.checkpoint import resumed_step
+from shaftpose.stage_files import DataFacts, TrainingFacts
 from shaftpose.training.assembly import build_module, build_trainer, training_data
 from shaftpose.training.curves import Curves
 from shaftpose.training.data_identity import about_data

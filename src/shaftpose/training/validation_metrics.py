@@ -4,12 +4,11 @@ from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
 
-from shaftpose.core.batches import Batch, Targets
-from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
-from shaftpose.core.padding import unpadded
-from shaftpose.evaluation.average_precision import precision_recall
-from shaftpose.evaluation.metrics import evaluate
-from shaftpose.evaluation.operating_point import best_confidence
+from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections, unpadded
+from shaftpose.dataset.batches import Batch, Targets
+from shaftpose.metrics.detection.average_precision import precision_recall
+from shaftpose.metrics.detection.operating_point import best_confidence
+from shaftpose.metrics.metrics import evaluate
 from shaftpose.network.pose_network import IMAGE_SIDE_PX
 
 LOGGED = ("mAP", "detected_rate", *POSE_DIMENSIONS, "axis_deg", "tip_mm")

@@ -1,0 +1,99 @@
+"""`shaftpose check`: whether this machine has what prediction needs, and suits a camera.
+
+Imports packages only while it checks them: a broken one is a finding.
+"""
+
+import argparse
+import os
+import platform
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from importlib.resources import as_file, files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from shaftpose.core.errors import InputError
+from shaftpose.inference.bundled import DEFAULT
+from shaftpose.origin import processor
+
+_PACKAGES = ("numpy", "cv2", "onnxruntime", "tqdm")
+_SPEED_RUNS = 10
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print each finding. Raises InputError if prediction would fail."""
+    print(f"python: {platform.python_version()}, {platform.platform()}")
+    print(f"processor: {processor()}, {os.cpu_count()} cores")
+    name = options.model or DEFAULT
+    checks: dict[str, Callable[[], str]]
+    checks = {"packages": packages, "videos": videos, "model": partial(model, name)}
+    failed = [part for part, check in checks.items() if not _passes(part, check)]
+    if failed:
+        raise InputError(f"cannot predict here: {', '.join(failed)}; see the lines above")
+    if options.camera is not None:
+        print(f"camera: {camera(options.camera, name)}")
+    print("this machine can predict; for rendering and training: tools/check_system.py in a clone")
+
+
+def _passes(name: str, check: Callable[[], str]) -> bool:
+    try:
+        print(f"{name}: {check()}")
+    except Exception as error:  # whatever it is, it is the finding
+        print(f"{name}: FAILED: {error}")
+        return False
+    return True
+
+
+def packages() -> str:
+    """Their versions. Raises ImportError if one is missing or lacks a library of the system."""
+    return ", ".join(f"{name} {import_module(name).__version__}" for name in _PACKAGES)
+
+
+def videos() -> str:
+    """Whether OpenCV can write and read a video. Raises InputError if not."""
+    import cv2
+    import numpy as np
+
+    with TemporaryDirectory() as folder:
+        path = f"{folder}/video.mp4"
+        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"mp4v"), 25, (64, 64))
+        writer.write(np.zeros((64, 64, 3), dtype=np.uint8))
+        writer.release()
+        if not cv2.VideoCapture(path).read()[0]:
+            raise InputError("OpenCV cannot write MP4; reinstall opencv-python-headless")
+    return "OpenCV writes and reads MP4"
+
+
+def model(name: str) -> str:
+    """The speed of the model that `--model` names. Raises InputError if it cannot be used."""
+    from shaftpose.core.images import centre_square, read_rgb
+    from shaftpose.inference.model_files import model_file
+    from shaftpose.inference.predictor import Predictor
+
+    with model_file(name) as file:
+        predictor = Predictor(file)
+    # A frame that shows shafts: to fit their poses takes time, too.
+    with as_file(files("shaftpose.inference") / "demo_frame.jpg") as frame:
+        image = centre_square(read_rgb(frame), predictor.side_px)
+    speed = predictor.frames_per_second(image, _SPEED_RUNS)
+    return f"{name}, {speed:.0f} images of {predictor.side_px} px per second"
+
+
+def camera(path: Path, name: str) -> str:
+    """What a calibrated camera sees of a model's view, and the setting to train for it.
+
+    Raises InputError naming the file if it is no calibration.
+    """
+    from shaftpose.inference.calibration import read_calibration
+    from shaftpose.inference.model_files import model_file
+    from shaftpose.inference.predictor import Predictor
+    from shaftpose.inference.views import Resampled
+
+    with model_file(name) as file:
+        calibration, predictor = read_calibration(path), Predictor(file)
+    covered = Resampled(calibration, predictor.camera).covered
+    return (
+        f"fills {covered:.0%} of the view of {name}, {predictor.facts.view_deg:g} deg; "
+        f"to train for this camera, set camera.view_deg to {calibration.widest_view_deg():.1f}"
+    )

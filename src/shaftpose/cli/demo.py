@@ -1,0 +1,23 @@
+"""`shaftpose demo`: the package's own model on the package's own image and film."""
+
+import argparse
+from contextlib import ExitStack
+from importlib.resources import as_file, files
+
+from shaftpose.cli import predict
+from shaftpose.cli.options import parser
+
+# A rendered test image and a rendered film (`make film`), each with two shafts.
+EXAMPLES = ("demo_frame.jpg", "demo_film.mp4")
+# Their camera and shafts, and what to write.
+OPTIONS = ("--view-deg=95", "--diameter-mm=3", "--track", "--draw")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write poses, picture and film into a folder. Raises UnwritableError if it holds results."""
+    with ExitStack() as stack:
+        folder = files("shaftpose.inference")
+        paths = [str(stack.enter_context(as_file(folder / name))) for name in EXAMPLES]
+        predict.run(parser().parse_args(["predict", *paths, *OPTIONS, f"--out={options.out}"]))
+    print(f"poses, a picture and a film are in {options.out}")
+    print("next: shaftpose predict YOUR_IMAGE_OR_VIDEO --out found --draw")

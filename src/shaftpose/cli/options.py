@@ -1,0 +1,168 @@
+"""The options of the commands."""
+
+import argparse
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import get_args
+
+from shaftpose.settings.choices import Backend, Refinement
+
+_PREDICT_EXAMPLES = """\
+examples:
+  shaftpose predict frame.png
+  shaftpose predict frames/ operation.mp4 --out found --draw
+  shaftpose predict operation.mp4 --camera cam.yaml --diameter-mm 5 --format csv > poses.csv
+  shaftpose predict 0 --view-deg 70 --diameter-mm 3       # the first camera
+  find . -name '*.png' | shaftpose predict - --score 0.3
+  shaftpose predict frames/ --out found --workers 16      # 16 processes
+
+A camera or stream is read until it ends or Ctrl-C; frames that come too fast are skipped.
+
+Exit status: 0; 1 if a source failed (the others are predicted all the same); 130 after Ctrl-C."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of `shaftpose`'s arguments."""
+    root = argparse.ArgumentParser(
+        "shaftpose",
+        description="Find the shafts of surgical instruments in endoscope images, with their poses",
+    )
+    root.add_argument("--version", action="version", version=f"shaftpose {version('shaftpose')}")
+    commands = root.add_subparsers(dest="command", required=True)
+    for name, (summary, examples, add_options) in _COMMANDS.items():
+        add_options(
+            commands.add_parser(
+                name, help=summary, description=summary, epilog=examples,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+            )
+        )  # fmt: skip
+    return root
+
+
+def _add_predict(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "sources", nargs="+", metavar="SOURCE",
+        help="image file, folder of images, video file, camera index, stream URL, or - to read "
+        "such names from standard input, one a line",
+    )  # fmt: skip
+    _add_model(parser)
+    parser.add_argument("--score", type=float, help="least score (the model's own threshold)")
+    parser.add_argument(
+        "--refine", choices=get_args(Refinement), default="edges",
+        help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
+        "and then the edges in the image, the slowest and most exact (edges)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--backend", choices=get_args(Backend), default="onnxruntime",
+        help="the program that runs the model (onnxruntime); openvino needs the extra of that name",
+    )  # fmt: skip
+    camera = parser.add_mutually_exclusive_group()
+    camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")
+    camera.add_argument(
+        "--view-deg", type=float,
+        help="the camera: the angle across its central square, if it has no distortion",
+    )  # fmt: skip
+    parser.add_argument(
+        "--diameter-mm", type=float,
+        help="diameter of your shafts, by which x, y and z are scaled (that of the model's shafts, "
+        "with poses marked as not metric)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--track", action="store_true",
+        help="number the shafts of videos and streams, and smooth their poses",
+    )  # fmt: skip
+    parser.add_argument(
+        "--format", choices=("jsonl", "csv", "bop"), default="jsonl", help="of results (jsonl)"
+    )
+    parser.add_argument("--out", type=Path, help="folder for results (standard output)")
+    parser.add_argument("--draw", action="store_true", help="also draw the frames, into --out")
+    parser.add_argument(
+        "--rerun", action="store_true", help="also write a recording for Rerun's viewer, into --out"
+    )
+    parser.add_argument(
+        "--workers", type=_workers, metavar="N|tcp://HOST:PORT",
+        help="spread images over N processes, or the workers of a running Dask scheduler",
+    )  # fmt: skip
+
+
+def _add_demo(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out", type=Path, default=Path("shaftpose_demo"), help="folder (shaftpose_demo)"
+    )
+
+
+def _add_show(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", choices=("dataset", "backgrounds"))
+    parser.add_argument("folder", type=Path, help="of shards, real images or backgrounds")
+    parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
+    parser.add_argument("--count", type=_positive, default=20, help="number of images (20)")
+    parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
+
+
+def _add_real(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", choices=("fetch",))
+    parser.add_argument("folder", type=Path, help="to write to; becomes params.yaml: real.source")
+
+
+def _add_check(parser: argparse.ArgumentParser) -> None:
+    _add_model(parser)
+    parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
+
+
+def _add_model(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--model",
+        help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
+        "of a registry (shaftpose)",
+    )
+
+
+def _add_nothing(parser: argparse.ArgumentParser) -> None:
+    """The command has no options."""
+
+
+# Command, a module of `shaftpose.cli` -> its summary, examples and options.
+_COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]] = {
+    "demo": (
+        "predict the image and the film that come with the package",
+        "example: shaftpose demo --out look",
+        _add_demo,
+    ),
+    "predict": (
+        "find shafts and their poses in images and videos",
+        _PREDICT_EXAMPLES,
+        _add_predict,
+    ),
+    "models": (
+        "describe the models that come with the package",
+        "example: shaftpose models",
+        _add_nothing,
+    ),
+    "show": (
+        "draw a contact sheet of a folder",
+        "example: shaftpose show dataset data/render/images --out look.jpg",
+        _add_show,
+    ),
+    "real": (
+        "download public endoscopic images, annotated by this project",
+        "example: shaftpose real fetch ../endoscopic",
+        _add_real,
+    ),
+    "check": (
+        "test whether this machine can predict, and what a camera sees",
+        "example: shaftpose check --camera cam.yaml --model laparoscopy",
+        _add_check,
+    ),
+}
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{number} is not above 0")
+    return number
+
+
+def _workers(text: str) -> int | str:
+    return text if "://" in text else _positive(text)

@@ -1,0 +1,146 @@
+"""`shaftpose predict`: poses of the shafts in images, videos and streams (options: options.py)."""
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from io import TextIOWrapper
+from pathlib import Path
+from typing import NoReturn
+
+from tqdm import tqdm
+
+from shaftpose.core.errors import InputError
+from shaftpose.inference.finder_options import FinderOptions
+from shaftpose.inference.formats import format_of_run
+from shaftpose.inference.frames import Frame, Source
+from shaftpose.inference.image_chunks import PredictedImage, predicted_images
+from shaftpose.inference.model_files import REGISTRY, model_file
+from shaftpose.inference.outputs import Write, outputs
+from shaftpose.inference.prediction_run import for_each_frame
+from shaftpose.inference.result_stream import result_stream
+from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.inference.sources import sources
+from shaftpose.inference.tracker import Tracker
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write what is found in each frame, and draw it if asked.
+
+    Raises InputError if a source failed, after all others.
+    """
+    if options.draw and options.out is None:
+        raise InputError("--draw: needs a folder for the pictures; name one by --out")
+    if options.rerun and options.out is None:
+        raise InputError("--rerun: needs a folder for the recording; name one by --out")
+    failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
+    if failed:
+        raise InputError(f"sources that failed, see above: {failed}")
+
+
+def _predict_alone(options: argparse.Namespace) -> int:
+    """Predict all sources in this process; returns how many failed."""
+    finder = _finder_options(options).finder(warn)
+    named = named_sources(options.sources)
+    tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
+    style, drawings = format_of_run(options.format), options.out if options.draw else None
+    recording = _recording(options.out, finder) if options.rerun else None
+    with (
+        outputs(options.out, style, drawings, recording) as write,
+        progress_bar(named, hidden=options.out is None) as bar,
+    ):
+
+        def predict(frame: Frame) -> None:
+            shafts = finder(frame.rgb)
+            write(frame, shafts if tracker is None else tracker(frame, shafts))
+            bar.update()
+
+        return for_each_frame(named, predict, report)
+
+
+def _predict_on_workers(options: argparse.Namespace) -> int:
+    """Predict images on Dask workers; returns how many sources failed.
+
+    Raises InputError if Dask is missing, the scheduler does not answer, more than results is asked
+    for, or a scheduler's workers would need a model of a registry.
+    """
+    if options.draw or options.rerun or options.track:
+        raise InputError("--draw, --rerun, --track: not with --workers; leave out one or the other")
+    if isinstance(options.workers, str) and (options.model or "").startswith(REGISTRY):
+        raise InputError(
+            f"--model {options.model}: not with the workers of {options.workers}; download it to a "
+            "path that all machines share, and name that file"
+        )
+    try:
+        from shaftpose.farm.ordered_tasks import in_order
+        from shaftpose.farm.workers import client_of
+    except ImportError as error:
+        raise InputError("--workers: needs Dask: in a clone, pip install '.[cluster]'") from error
+    named, style = named_sources(options.sources), format_of_run(options.format)
+    with model_file(options.model) as model:
+        chosen = _absolute(_finder_options(options), model)
+        chosen.finder(warn)  # so that unusable options end the command here
+        with (
+            client_of(options.workers) as client,  # first: one that fails leaves no file
+            result_stream(options.out, style) as results,
+            progress_bar(named, hidden=options.out is None) as bar,
+        ):
+
+            def write(image: PredictedImage) -> None:
+                results.add(image, image.shafts)
+                bar.update()
+
+            images = predicted_images(named, chosen, partial(in_order, client), warn)
+            return for_each_frame(images, write, report)
+
+
+def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Write]:
+    """A recording for Rerun's viewer. Raises InputError if Rerun is missing."""
+    try:
+        from shaftpose.inference.rerun_file import rerun_file
+    except ImportError as error:
+        raise InputError("--rerun: needs Rerun: in a clone, pip install '.[rerun]'") from error
+    return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
+
+
+def _finder_options(options: argparse.Namespace) -> FinderOptions:
+    return FinderOptions(
+        options.model, options.camera, options.view_deg, options.diameter_mm, options.score,
+        options.refine, options.backend,
+    )  # fmt: skip
+
+
+def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
+    """The options for a process in another folder."""
+    camera = None if options.camera is None else options.camera.absolute()
+    return replace(options, model=str(model.absolute()), camera=camera)
+
+
+def named_sources(names: Sequence[str]) -> Iterable[Source]:
+    """The sources; a list unless standard input names some."""
+    if "-" in names and isinstance(sys.stdin, TextIOWrapper):
+        sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
+    found = sources(names, sys.stdin)
+    return found if "-" in names else list(found)
+
+
+def progress_bar(named: Iterable[Source], hidden: bool) -> "tqdm[NoReturn]":
+    """A bar over all frames, on a terminal. hidden: the terminal may show results instead."""
+    total = None
+    if isinstance(named, list):
+        lengths = [source.length for source in named]
+        total = None if None in lengths else sum(filter(None, lengths))
+    disable = True if total == 1 or (hidden and sys.stdout.isatty()) else None
+    return tqdm(total=total, unit="frame", disable=disable)
+
+
+def warn(message: str) -> None:
+    """Print a warning to standard error, above the progress bar if there is one."""
+    tqdm.write(f"warning: {message}", file=sys.stderr)
+
+
+def report(message: str) -> None:
+    """Print an error that does not end the command."""
+    tqdm.write(f"error: {message}", file=sys.stderr)

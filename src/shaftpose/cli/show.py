@@ -1,0 +1,64 @@
+"""`shaftpose show`: contact sheets of datasets and backgrounds."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from shaftpose.core.background_index import read_library
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import naming_refusal
+from shaftpose.core.images import Image, read_rgb, write_jpeg
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.figures.drawing import contact_sheet, draw_real, draw_sample, evenly_spaced
+
+if TYPE_CHECKING:
+    from shaftpose.dataset.coco import RealImage
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write a contact sheet of evenly spread images of a dataset or of backgrounds."""
+    if options.what == "backgrounds":
+        library = read_library(options.folder)
+        chosen = [read_rgb(background.path) for background in evenly_spaced(library, options.count)]
+    elif real := real_images(options.folder):
+        chosen = draw_squares(evenly_spaced(real, options.count))
+    else:
+        shards = ShardedDataset(options.folder)
+        chosen = [draw_sample(shards, key) for key in evenly_spaced(shards.keys, options.count)]
+    with naming_refusal(options.out, "name another file by --out"):
+        write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
+    print(f"{len(chosen)} images are drawn in {options.out}")
+
+
+def real_images(folder: Path) -> list["RealImage"]:
+    """What the COCO files of a folder list; nothing if it has none."""
+    files = [file for name in ("train.json", "test.json") if (file := folder / name).is_file()]
+    if not files:  # rendered images are shown without what `read_coco` needs
+        return []
+    with _needing("train"):
+        from shaftpose.dataset.coco import read_coco
+    return [image for file in files for image in read_coco(file)]
+
+
+def draw_squares(images: Sequence["RealImage"]) -> list[Image]:
+    """Central squares, all of the smallest one's size, with boxes and, where known, masks."""
+    from shaftpose.dataset.coco import load_square  # its packages are there: `real_images` read
+
+    side_px = min(min(image.width, image.height) for image in images)
+    squares = [load_square(image, side_px) for image in images]
+    return [draw_real(square.rgb, square.masks, square.boxes) for square in squares]
+
+
+@contextmanager
+def _needing(extra: str) -> Iterator[None]:
+    """Import what only an extra of the package brings, inside the function that uses it: prediction
+    has to run without. Raises InputError naming the extra if a package is missing."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"this needs {error.name}, which is not installed; "
+            f"in a clone, run pip install '.[{extra}]'"
+        ) from error

@@ -1,0 +1,56 @@
+"""Atomic file writes, CSV files, and full disks."""
+
+import csv
+import errno
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from shaftpose.core.errors import InputError
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path that replaces `path` on success; create its folder if needed.
+
+    An existing file is replaced, not written to: it may be a hard link into DVC's cache, which must
+    not change.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_csv(path: Path, headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table atomically; create its folder if needed."""
+    with new_file(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(headings)
+        table.writerows(rows)
+
+
+@contextmanager
+def naming_refusal(path: Path, remedy: str) -> Iterator[None]:
+    """Turn the system's refusal to write to a path into an InputError naming it and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); {remedy}") from error
+
+
+@contextmanager
+def naming_full_disk(folder: Path) -> Iterator[None]:
+    """Turn the error of a full disk or an exhausted quota into an InputError naming `folder`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(
+            f"{folder}: {error.strerror}; make room there and run the command again: finished "
+            "shards are kept"
+        ) from error

@@ -1,0 +1,175 @@
+"""Results of a model on the test images: metrics, figures, and values for the report."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera
+from shaftpose.core.images import Image, write_jpeg
+from shaftpose.core.instruments import Annotations
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.split_lists import read_keys
+from shaftpose.evaluation.results import Accuracy, Evaluation
+from shaftpose.figures.accuracy_figures import (
+    error_over_bound_figure,
+    pose_error_figure,
+    precision_recall_figure,
+)
+from shaftpose.figures.drawing import prediction_sheet
+from shaftpose.figures.style import save_figure
+from shaftpose.inference.predictor import Predictor
+from shaftpose.inference.shard_prediction import predict_shards
+from shaftpose.metrics.binned_errors import binned_errors
+from shaftpose.metrics.common_instruments import found_instruments
+from shaftpose.metrics.detection.average_precision import PrecisionRecall, precision_recall
+from shaftpose.metrics.metrics import Metrics, evaluate
+from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
+from shaftpose.metrics.summary import Summary, summary
+from shaftpose.metrics.symmetric_errors import symmetric_errors
+from shaftpose.origin import origin
+from shaftpose.refinement.bound import pose_bound
+from shaftpose.settings.parsing import as_plain
+from shaftpose.settings.schema import RenderSettings, ShaftSettings
+from shaftpose.settings.tree import Settings
+from shaftpose.stage_files import FITTED, TrainingFacts
+
+DRAWN_IMAGES, COLUMNS = 12, 4
+WORST, WORST_COLUMNS = 10, 5  # images with large errors, and as many with missed shafts
+
+
+class ModelResults:
+    """A model's results on images of `shards`.
+
+    confidence: the confidence threshold, which mAP ignores.
+    """
+
+    def __init__(
+        self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
+    ) -> None:
+        self.shards, self.keys, self.confidence = shards, keys, confidence
+        self.predictor = predictor
+        self.found, self.known = predict_shards(predictor, shards, keys)
+        metrics = evaluate(self.found, self.known, confidence)
+        fps = predictor.frames_per_second(shards.rgb(keys[0]))
+        self.metrics: Metrics = replace(metrics, fps=fps)
+        self.curve: PrecisionRecall = precision_recall(self.found, self.known)
+        self.errors: PoseErrors = pose_errors(self.found, self.known, confidence)
+
+    def write_figures(self, folder: Path, title: str) -> dict[str, Path]:
+        """Draw the figures: title -> file."""
+        figures = {
+            "precision and recall": folder / "precision_recall.png",
+            "pose errors": folder / "pose_errors.png",
+            "predictions": folder / "predictions.jpg",
+        }
+        save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
+        save_figure(pose_error_figure(self.errors), figures["pose errors"])
+        first = range(min(DRAWN_IMAGES, len(self.keys)))
+        write_jpeg(self._sheet(first, COLUMNS), figures["predictions"], quality=88)
+        if worst := worst_images(self.errors, self.known, WORST):
+            figures["worst predictions"] = folder / "worst_predictions.jpg"
+            sheet = self._sheet(worst, WORST_COLUMNS)
+            write_jpeg(sheet, figures["worst predictions"], quality=88)
+        if (refiner := self.predictor.refiner) is not None:
+            figures["errors over bounds"] = folder / "errors_over_bounds.png"
+            bounds = [
+                pose_bound(pose, refiner.shaft, refiner.camera) for pose in self.errors.true_poses
+            ]
+            figure = error_over_bound_figure(self.errors, np.reshape(bounds, (-1, 5)))
+            save_figure(figure, figures["errors over bounds"])
+        return figures
+
+    def _sheet(self, images: Sequence[int], columns: int) -> Image:
+        """Annotations and detections of the images with these numbers."""
+        keys = [self.keys[n] for n in images]
+        found = [self.found[n].above(self.confidence) for n in images]
+        known = [self.known[n] for n in images]
+        rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
+        return prediction_sheet(list(rgb), known, found, list(cameras), columns)
+
+    def validation(self) -> Metrics:
+        """The metrics on the validation images."""
+        keys = read_keys(Path("data/split"), "validation")
+        found, known = predict_shards(self.predictor, self.shards, keys)
+        return evaluate(found, known, self.confidence)
+
+    def accuracy(self, rendering: RenderSettings) -> Accuracy:
+        """The values for the report; rendering: of the images."""
+        fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
+        visible, cameras = np.array(fractions), self._cameras()
+        tips = zip(cameras, self.errors.true_poses[:, :3], strict=True)
+        border = np.array([camera.border_px(camera.project(tip)) for camera, tip in tips])
+        return Accuracy(
+            metrics=self.metrics,
+            binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
+            found=found_instruments(self.errors, len(visible)),
+            precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
+            summary=self._summary(rendering.shaft, cameras),
+        )
+
+    def _cameras(self) -> list[Camera]:
+        """The camera that saw each detected instrument."""
+        images = _image_of_instruments(self.known)[self.errors.instruments].tolist()
+        cameras = {n: self.shards.camera(self.keys[n]) for n in set(images)}
+        return [cameras[n] for n in images]
+
+    def _summary(self, shaft: ShaftSettings, cameras: Sequence[Camera]) -> Summary:
+        true, further = self.errors.true_poses, dict[str, NDArray[np.float64]]()
+        if not shaft.cad:  # whose diameter is not known
+            estimated = true + self.errors.differences
+            further = vars(symmetric_errors(estimated, true, shaft.diameter_mm, cameras))
+        return summary(self.found, self.known, self.errors, further)
+
+
+def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:
+    """The numbers of `count` images with the largest tip errors, the largest first, then of as many
+    others with missed instruments."""
+    image_of = _image_of_instruments(known)
+    by_error = errors.instruments[np.argsort(-errors.tip_mm, kind="stable")]
+    missed = np.setdiff1d(np.arange(len(image_of)), errors.instruments)
+    far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
+    others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
+    return far + others[:count]
+
+
+def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
+    return np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
+
+
+def evaluation(
+    settings: Settings,
+    training: TrainingFacts,
+    curves: Sequence[tuple[int, str, float]],
+    alone: ModelResults,
+    fitted: ModelResults | None = None,
+) -> Evaluation:
+    """The evaluation of a network and, if it has them, of its fitted poses."""
+    rendering = settings.rendering
+    return Evaluation(
+        title=settings.variant.title,
+        training=training,
+        detection=as_plain(settings.detection),
+        accuracy=alone.accuracy(rendering),
+        fitted=None if fitted is None else fitted.accuracy(rendering),
+        validation=(fitted or alone).validation(),
+        curves=curves,
+        origin=origin(),
+    )
+
+
+def flat(alone: ModelResults, fitted: ModelResults | None = None) -> dict[str, float | int | None]:
+    """The metrics of a network, and those of its fitted poses as `fitted/...`."""
+    if fitted is None:
+        return alone.metrics.as_dict()
+    added = {f"{FITTED}{name}": value for name, value in fitted.metrics.as_dict().items()}
+    return alone.metrics.as_dict() | added
+
+
+def read_curves(path: Path) -> list[tuple[int, str, float]]:
+    """The learning curves of a training, as rows of step, name, value."""
+    with path.open(newline="") as stream:
+        return [(int(r["step"]), r["name"], float(r["value"])) for r in csv.DictReader(stream)]

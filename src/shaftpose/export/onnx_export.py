@@ -1,0 +1,102 @@
+"""Export of a detector to one ONNX file, including decoding and non-maximum suppression."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from onnxscript import opset20
+from torch import nn
+
+from shaftpose.core.files import new_file
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.network import nms  # registers its operator
+from shaftpose.network.detector import ShaftDetector
+from shaftpose.refinement.learned_edges import OUTPUTS, STRIPS
+from shaftpose.refinement.outline_strips import COLUMNS, ROWS
+
+OPSET = 20
+# `opset20` accepts Python numbers and lists, but its type hints refuse them.
+op: Any = opset20
+
+
+def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
+    """Write a detector to one file with input `image` and the detector's outputs.
+
+    The number of images stays dynamic. The detector is exported in evaluation mode, on the CPU.
+    """
+    exported = detector.cpu().eval()
+    # Two images: an example of one would fix the batch dimension to one.
+    example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
+    with _quiet():
+        program = torch.onnx.export(
+            exported,
+            (example,),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=["image"],
+            output_names=list(exported.output_names),
+            dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
+            custom_translation_table={nms.OPERATOR: _onnx_nms_mask},
+            verbose=False,
+        )
+    assert program is not None
+    with new_file(path) as part:
+        program.save(part, external_data=False)
+
+
+def edge_reader_bytes(reader: nn.Module) -> bytes:
+    """An edge reader as an ONNX model, for any number of strips."""
+    example = torch.zeros(2, 3, ROWS, COLUMNS)
+    with _quiet():
+        program = torch.onnx.export(
+            reader.cpu().eval(),
+            (example,),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=[STRIPS],
+            output_names=OUTPUTS,
+            dynamic_shapes={"strips": {0: torch.export.Dim("parts")}},
+            verbose=False,
+        )
+    assert program is not None
+    return program.model_proto.SerializeToString()
+
+
+def store_facts(path: Path, facts: ModelFacts) -> None:
+    """Store facts in the metadata of an exported file."""
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, facts.as_text())
+    with new_file(path) as part:
+        onnx.save(model, str(part), format="protobuf")
+
+
+def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:
+    """`nms_mask` by ONNX's NonMaxSuppression: boxes (B, K, 4), scores (B, K) -> (B, K).
+
+    ONNX orders corners as `y, x`, which does not change the IoU.
+    """
+    limit = op.Shape(scores, start=1, end=2)
+    threshold = op.Constant(value_floats=[iou_threshold])
+    survivors = op.NonMaxSuppression(boxes, op.Unsqueeze(scores, [1]), limit, threshold)
+    image_and_box = op.Gather(survivors, [0, 2], axis=1)
+    zeros = op.Expand(0.0, op.Shape(scores))
+    ones = op.Expand(1.0, op.Shape(survivors, start=0, end=1))
+    return op.ScatterND(zeros, image_and_box, ones)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Hide the exporter's warnings about its own internals."""
+    previous = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(previous)

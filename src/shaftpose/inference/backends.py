@@ -1,0 +1,117 @@
+"""The programs that run an exported model: onnxruntime and, where it is installed, OpenVINO."""
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from threading import Lock
+from typing import Any, Protocol
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from shaftpose.core.errors import InputError
+from shaftpose.settings.choices import Backend
+
+_THREADS = "ORT_INTRA_OP_NUM_THREADS"
+
+
+class Network(Protocol):
+    """An opened model, which takes images (N, side_px, side_px, 3) uint8 RGB."""
+
+    outputs: list[str]
+    metadata: Mapping[str, str]
+
+    @property
+    def side_px(self) -> int:
+        """The side of its square images."""
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        """The values of these outputs."""
+
+
+def open_network(path: Path, backend: Backend) -> Network:
+    """The model in a file.
+
+    Raises InputError if the backend is not installed, naming the file if it cannot be read, or
+    naming the variable for the number of threads if it is no number.
+    """
+    threads = _most_threads()
+    try:
+        return _InOpenVino(path, threads) if backend == "openvino" else _InOnnxruntime(path)
+    except ImportError as error:
+        raise InputError(
+            f"--backend openvino: needs OpenVINO: in a clone, pip install '.[openvino]' ({error})"
+        ) from error
+    except Exception as error:  # the backends' own exceptions have no common base
+        cause = " ".join(str(error).split())
+        raise InputError(f"{path}: not a readable ONNX model; export it again: {cause}") from error
+
+
+def _most_threads() -> int:
+    """onnxruntime's own limit, which holds for OpenVINO, too; 0 for none."""
+    stated = os.environ.get(_THREADS) or "0"
+    if not stated.isdecimal():
+        raise InputError(f"{_THREADS}={stated}: not a number of threads; set one, or unset it")
+    return int(stated)
+
+
+class _InOnnxruntime:
+    def __init__(self, path: Path) -> None:
+        self._session = onnxruntime.InferenceSession(
+            str(path),
+            providers=["CPUExecutionProvider"],
+            enable_fallback=0,  # to other providers, which would print to standard output
+        )
+        self.outputs = [output.name for output in self._session.get_outputs()]
+        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+
+    @property
+    def side_px(self) -> int:
+        return int(self._session.get_inputs()[0].shape[1])
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        return list(self._session.run(outputs, {"image": images}))
+
+
+@cache
+def openvino_core() -> Any:
+    """OpenVINO's plug-ins, one for the process: one that drops some and makes others crashes later.
+
+    Raises ImportError if OpenVINO is not installed.
+    """
+    import openvino
+
+    return openvino.Core()
+
+
+class _InOpenVino:
+    def __init__(self, path: Path, threads: int) -> None:
+        from openvino.frontend import FrontEndManager
+
+        # Core.read_model would try formats other than ONNX, too.
+        reader = FrontEndManager().load_by_framework("onnx")
+        model: Any = reader.convert(reader.load(str(path)))
+        stated = model.get_rt_info()["framework"] if model.has_rt_info("framework") else {}
+        self.metadata: Mapping[str, str] = {
+            name: str(value.value) for name, value in stated.items()
+        }
+        self.outputs = [output.get_any_name() for output in model.outputs]
+        settings: dict[str, str | int] = {
+            # Its default, 16 bits where the processor has them, moves poses.
+            "INFERENCE_PRECISION_HINT": "f32",
+            "PERFORMANCE_HINT": "LATENCY",
+            "INFERENCE_NUM_THREADS": threads,
+        }
+        self._busy = Lock()  # one request at a time
+        self._compiled = openvino_core().compile_model(model, "CPU", settings)
+
+    @property
+    def side_px(self) -> int:
+        return int(self._compiled.inputs[0].partial_shape[1].get_length())
+
+    def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        with self._busy:
+            values = self._compiled(images)  # copies of the request's own
+        return [np.asarray(values[name]) for name in outputs]

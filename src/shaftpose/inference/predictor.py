@@ -1,0 +1,152 @@
+"""Runs an exported model and refines its poses: images in, detections out."""
+
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Camera
+from shaftpose.core.instruments import Detections, unpadded
+from shaftpose.inference.backends import open_network
+from shaftpose.inference.bundled import bundled_names
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.refinement.contour import Shaft
+from shaftpose.refinement.learned_edges import LearnedEdges
+from shaftpose.refinement.refiner import Refiner
+from shaftpose.settings.choices import Backend, Refinement
+
+_OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
+
+
+class Predictor:
+    """An ONNX file written by the export stage.
+
+    refine: what the poses of a model that predicts a mask are fitted to; backend: what runs it, but
+    for its edge reader, which onnxruntime runs. Raises InputError naming the file if it is missing
+    or is not such a model, or the backend if it is not installed.
+    """
+
+    def __init__(
+        self, path: Path, refine: Refinement = "edges", backend: Backend = "onnxruntime"
+    ) -> None:
+        if not path.is_file():
+            raise InputError(
+                f"{path}: no such file; export it, or name a model of the package: "
+                f"{', '.join(bundled_names())}"
+            )
+        self._network = open_network(path, backend)
+        names = self._network.outputs
+        if names not in (_OUTPUTS, [*_OUTPUTS, _MASK]):
+            raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
+        self._path = path
+        try:
+            self.facts = ModelFacts.from_text(self._network.metadata)
+        except ValueError as error:
+            raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
+        # None for a model without a mask, an instrument of unknown diameter or a distorting lens.
+        self.refiner = self._made(refine) if _MASK in names else None
+
+    @property
+    def side_px(self) -> int:
+        """The side of the square images that the model takes."""
+        return self._network.side_px
+
+    @property
+    def confidence(self) -> float:
+        """The threshold for the scores of this predictor, chosen on validation images.
+
+        Raises InputError naming the file if it states none.
+        """
+        facts = self.facts
+        threshold = facts.confidence if self.refiner is None else facts.fit_confidence
+        if threshold is None:
+            raise InputError(
+                f"{self._path}: holds no confidence threshold; export it again or set one"
+            )
+        return threshold
+
+    @property
+    def fits_edges(self) -> bool:
+        """Whether poses are fitted to the edges of images."""
+        return self.refiner is not None and self.refiner.edges is not None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the model was trained for."""
+        return Camera.from_field_of_view(self.side_px, self.side_px, self.facts.view_deg)
+
+    def __call__(
+        self, images: NDArray[np.uint8], fine: Sequence[NDArray[np.uint8] | None] | None = None
+    ) -> list[Detections]:
+        """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first.
+
+        fine: the same images in more pixels, (k 299, k 299, 3), for the fit, where there are any.
+        Raises InputError naming the file and the image if an output is NaN or infinite.
+        """
+        boxes, scores, poses, *masks = self._network.run(self._network.outputs, images)
+        found = list(self._unpadded(boxes, scores, poses))
+        if self.refiner is None:
+            return found
+        finer = fine or [None] * len(images)
+        several = zip(images, self._finite(*masks), found, finer, strict=True)
+        return [self.refiner(*each) for each in several]
+
+    def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The probability of a shaft (N, 299, 299) in images (N, 299, 299, 3) uint8 RGB, by a model
+        that predicts it. Raises InputError naming the file and the image if it is not finite."""
+        return self._finite(*self._network.run([_MASK], images))
+
+    def _finite(self, masks: NDArray[np.float32]) -> NDArray[np.float32]:
+        for number in np.flatnonzero(~np.isfinite(masks).all(axis=(1, 2))):
+            raise InputError(
+                f"{self._path}: image {number} of a batch: the model finds a mask that is not "
+                "finite: export it again, or train it again"
+            )
+        return masks
+
+    def _unpadded(self, *outputs: NDArray[np.floating]) -> Iterator[Detections]:
+        for number in range(len(outputs[0])):
+            try:
+                yield from unpadded(*(values[number : number + 1] for values in outputs))
+            except InputError as error:
+                raise InputError(f"{self._path}: image {number} of a batch: {error}") from error
+
+    def _made(self, refine: Refinement) -> Refiner | None:
+        diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
+        if diameter_mm is None or length_mm is None or self.facts.distorted or refine == "none":
+            return None
+        shaft = Shaft(diameter_mm, length_mm, flat_tip=self.facts.shaft_tip == "flat")
+        return Refiner(shaft, self.camera, self._edges() if refine == "edges" else None)
+
+    def _edges(self) -> LearnedEdges:
+        reader = self.facts.edge_reader
+        if reader is None:
+            raise InputError(
+                f"{self._path}: holds no edge reader: export it again, or fit poses to its mask "
+                "alone (--refine mask; detection.refine: mask)"
+            )
+        try:
+            return LearnedEdges(reader)
+        except Exception as error:  # onnxruntime's own exceptions have no common base
+            raise InputError(f"{self._path}: its edge reader is damaged; export again") from error
+
+    def frames_per_second(self, image: NDArray[np.uint8], repetitions: int = 30) -> float:
+        """Images per second at batch size 1: median of `repetitions` calls after 3 warm-up calls.
+
+        image: (299, 299, 3) uint8 RGB.
+        """
+        seconds = []
+        for _ in range(repetitions + 3):
+            start = time.perf_counter()
+            self(image[None])
+            seconds.append(time.perf_counter() - start)
+        return float(1 / np.median(seconds[3:]))
+
+
+def network_and_fit(path: Path, refine: Refinement) -> list[Predictor]:
+    """The model's network alone and, if its poses can be fitted, the model with the fit."""
+    fitting = Predictor(path, refine)
+    return [Predictor(path, "none"), *([fitting] if fitting.refiner else [])]

@@ -1,0 +1,91 @@
+"""Average precision as defined by PASCAL VOC 2010, for the one class "instrument"."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.metrics.detection.boxes import Array, Indices, best_instruments, first_hits
+
+
+@dataclass(frozen=True)
+class PrecisionRecall:
+    """Recall, precision and score (K,) after each detection of a set, best score first."""
+
+    recall: Array
+    precision: Array
+    scores: Array
+
+
+def precision_recall(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> PrecisionRecall:
+    """The precision-recall curve over a set of images.
+
+    By descending score, a detection is a true positive if its IoU with the instrument that it
+    overlaps most reaches `IOU_THRESHOLD` and that instrument was not detected before. A second
+    detection of an instrument is a false positive, never matched to the next best one (as in VOC's
+    development kit). Recall is 0 if the set has no instrument.
+    """
+    scores, order, right = _ranked(detections, annotations)
+    instruments = sum(len(known.boxes) for known in annotations)
+    true_positives = np.cumsum(right)
+    return PrecisionRecall(
+        recall=true_positives / max(instruments, 1),
+        precision=true_positives / np.arange(1, len(right) + 1),
+        scores=scores,
+    )
+
+
+def average_precision(curve: PrecisionRecall) -> float:
+    """Area under the precision envelope, at every recall (VOC 2010, not the older 11 points)."""
+    recall = np.concatenate([[0.0], curve.recall])
+    envelope = np.maximum.accumulate(curve.precision[::-1])[::-1]
+    return float(np.sum(np.diff(recall) * envelope))
+
+
+def resampled_average_precision(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> Callable[[Indices], float | None]:
+    """The average precision of images that are drawn with replacement, as a function of their
+    numbers; None for a draw without instruments. It equals that of the drawn images as a set."""
+    scores, order, right = _ranked(detections, annotations)
+    image_of = np.repeat(np.arange(len(detections)), [len(found.scores) for found in detections])
+    image_of, shown = image_of[order], np.array([len(known.boxes) for known in annotations])
+
+    def resampled(drawn: Indices) -> float | None:
+        times = np.bincount(drawn, minlength=len(shown))
+        instruments, weights = np.sum(times * shown), times[image_of]
+        if not instruments:
+            return None
+        true_positives, all_of_them = np.cumsum(weights * right), np.cumsum(weights)
+        precision = true_positives / np.maximum(all_of_them, 1)
+        return average_precision(PrecisionRecall(true_positives / instruments, precision, scores))
+
+    return resampled
+
+
+def _ranked(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> tuple[Array, Indices, NDArray[np.bool_]]:
+    """Of the detections (K,) of all images, best first: the scores, the order, and whether each is
+    a true positive."""
+    scores = np.concatenate([np.empty(0), *(found.scores for found in detections)])
+    order = np.argsort(-scores, kind="stable")
+    right = np.zeros(len(scores), dtype=bool)
+    right[first_hits(_hit_instruments(detections, annotations)[order])] = True
+    return scores[order], order, right
+
+
+def _hit_instruments(
+    detections: Sequence[Detections], annotations: Sequence[Annotations]
+) -> Indices:
+    """(K,) the instrument that each detection hits, numbered across all images; -1 for none."""
+    hits, offset = [np.empty(0, dtype=np.intp)], 0
+    for found, known in zip(detections, annotations, strict=True):
+        best = best_instruments(found.boxes, known.boxes)
+        hits.append(np.where(best >= 0, best + offset, -1))
+        offset += len(known.boxes)
+    return np.concatenate(hits)

@@ -1,0 +1,130 @@
+"""Architecture E: a dense single-shot network, a small residual U-Net. Not in the paper.
+
+It predicts a mask of all shafts at half the image's resolution. At a quarter it predicts a heat map
+of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
+direction of the axis. An edge reader, which shares nothing with it but the images, is trained with
+it.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.dataset.batches import Targets
+from shaftpose.network.dense.decoding import decode
+from shaftpose.network.dense.edge_reader import EdgeReader
+from shaftpose.network.dense.edge_samples import edge_samples
+from shaftpose.network.dense.loss import loss_terms
+from shaftpose.network.dense.pinhole import Pinhole
+from shaftpose.network.dense.residual import Residual, conv_norm_relu
+from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
+from shaftpose.refinement.contour import Shaft
+from shaftpose.settings.schema import (
+    CameraSettings,
+    DetectionSettings,
+    LossSettings,
+    PoseRanges,
+    Size,
+)
+
+MAPS = 7  # tip; offset to the tip (2); depth; axis (3)
+_RARE = -4.0  # initial logit of a tip
+
+
+class DenseOutputs(NamedTuple):
+    """mask: (B, 1, 150, 150) logits of a shaft; maps: (B, 7, 75, 75), see `dense_targets`; images:
+    the network's input, which the edge reader reads where it is told to."""
+
+    mask: Tensor
+    maps: Tensor
+    images: Tensor
+
+
+class DenseNetwork(MaskNetwork):
+    """The U-Net, and the edge reader. `channels`: of the levels at 1/2, 1/4, ... of the image's
+    resolution; shaft: None if its outline is not known, so that there is no edge reader."""
+
+    needs_instances = True
+
+    def __init__(self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None) -> None:
+        super().__init__()
+        self.pinhole, self.shaft = pinhole, shaft
+        self.edges = None if shaft is None else EdgeReader()
+        before = (3, *channels[:-1])
+        self.down = nn.ModuleList(
+            nn.Sequential(conv_norm_relu(i, o, stride=(2, 2)), *([Residual(o)] if i > 3 else []))
+            for i, o in zip(before, channels, strict=True)
+        )
+        self.up = nn.ModuleList(
+            conv_norm_relu(fine + coarse, fine)
+            for fine, coarse in zip(channels, channels[1:], strict=False)
+        )
+        self.mask = nn.Conv2d(channels[0], 1, 3, padding=1)
+        self.maps = nn.Sequential(conv_norm_relu(channels[1], 64), nn.Conv2d(64, MAPS, 1))
+        bias = self.maps[1].bias
+        assert isinstance(bias, Tensor)
+        nn.init.constant_(bias[:1], _RARE)
+
+    def forward(self, images: Tensor) -> DenseOutputs:
+        """(B, 3, 299, 299) in [-1, 1] -> mask and maps."""
+        levels, x = [], images
+        for stage in self.down:
+            x = stage(x)
+            levels.append(x)
+        maps = x
+        for level in reversed(range(len(self.up))):
+            fine = levels[level]
+            x = functional.interpolate(x, size=fine.shape[-2:], mode="bilinear")
+            x = self.up[level](torch.cat([x, fine], dim=1))
+            if level == 1:
+                maps = self.maps(x)
+        return DenseOutputs(self.mask(x), maps, images)
+
+    def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
+        """The loss and its mask, tip, pose and edge terms."""
+        terms = loss_terms(outputs.mask, outputs.maps, targets, self.pinhole)
+        if self.edges is None or self.shaft is None:
+            return terms
+        samples = edge_samples(outputs.images, targets, self.shaft, self.pinhole.camera)
+        edge = self.edges.loss(samples)
+        return {**terms, "loss": terms["loss"] + edge, "edge": edge}
+
+    def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
+        """One instrument per peak of the tip heat map."""
+        return decode(outputs.mask, outputs.maps, self.pinhole, limits)
+
+    def edge_reader(self) -> EdgeReader | None:
+        """The edge reader, unless the outline of the shaft is not known."""
+        return self.edges
+
+    def masks(self, outputs: DenseOutputs) -> Tensor:
+        """The mask of all shafts, (B, 299, 299).
+
+        As in the loss, logits are scaled up: where they are 0 between two cells lies an edge.
+        """
+        side = self.pinhole.side_px
+        wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")
+        return wide.sigmoid()[:, 0]
+
+
+def dense_network(
+    size: Size,
+    camera: CameraSettings,
+    poses: PoseRanges,
+    loss: LossSettings,
+    channels: Sequence[int],
+    shaft: Mapping[str, Any],
+    distortion: Mapping[str, Sequence[float]],
+) -> DenseNetwork:
+    """Build the network.
+
+    shaft, distortion: `shaft` and `lens.distortion` of params.yaml. The outline of an instrument
+    from a CAD file, or through a distorting lens, is not known.
+    """
+    known = not shaft["cad"] and not any(map(any, distortion.values()))
+    outlined = Shaft(shaft["diameter_mm"], shaft["length_mm"], shaft["tip"] == "flat")
+    pinhole = Pinhole(camera.size_px, camera.view_deg)
+    return DenseNetwork(channels, pinhole, outlined if known else None)

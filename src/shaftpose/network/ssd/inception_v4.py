@@ -1,0 +1,254 @@
+"""Inception-v4 (Szegedy et al., 2016), extended to the six feature maps of an SSD detector.
+
+At width and depth 1.0 all convolutions up to the third map match the published layer table. Two
+changes follow the paper on shaft poses: Reduction-B is padded, so that its map is 9 x 9 instead of
+8 x 8, and three more stages lead down to 2 x 2.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from shaftpose.network.pose_network import IMAGE_SIDE_PX
+from shaftpose.network.ssd.layers import ConvBNReLU, Size
+from shaftpose.network.ssd.sampling import Grid, through
+from shaftpose.settings.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
+
+MAP_SIZES = (35, 17, 9, 5, 3, 2)
+EXTRA_CHANNELS = (512, 256, 256)
+
+
+@dataclass(frozen=True)
+class Conv:
+    """One row of the layer table; `padding` None keeps the map's size."""
+
+    channels: int
+    kernel: Size
+    stride: int = 1
+    padding: Size | None = None
+
+
+class Chain(nn.Sequential):
+    """A sequence of convolutions, each `Conv` scaled by `width`; has `channels` output channels."""
+
+    def __init__(self, in_channels: int, width: float, *rows: Conv) -> None:
+        super().__init__()
+        self.channels = in_channels
+        for row in rows:
+            padding = _same_padding(row.kernel) if row.padding is None else row.padding
+            scaled = scale_channels(row.channels, width)
+            self.append(ConvBNReLU(self.channels, scaled, row.kernel, row.stride, padding))
+            self.channels = scaled
+
+
+class Pool(nn.Module):
+    """A pooling layer that knows its number of output channels."""
+
+    def __init__(self, pool: nn.Module, channels: int) -> None:
+        super().__init__()
+        self.pool = pool
+        self.channels = channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, channels, h, w) -> (B, channels, h', w')."""
+        return self.pool(x)
+
+
+class PooledChain(Chain):
+    """A 3 x 3 average pooling that keeps the map's size, then convolutions."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h, w)."""
+        average = nn.functional.avg_pool2d(x, 3, 1, 1, count_include_pad=False)
+        return super().forward(average)
+
+
+class Fork(nn.Module):
+    """A chain followed by several parallel chains, concatenated."""
+
+    def __init__(self, trunk: Chain, width: float, *rows: Conv) -> None:
+        super().__init__()
+        self.trunk = trunk
+        self.tips = Concat(*(Chain(trunk.channels, width, row) for row in rows))
+        self.channels: int = self.tips.channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h, w)."""
+        return self.tips(self.trunk(x))
+
+
+class Concat(nn.Module):
+    """Parallel branches on one input, concatenated over the channels."""
+
+    def __init__(self, *branches: Chain | Pool | Fork) -> None:
+        super().__init__()
+        self.branches = nn.ModuleList(branches)
+        self.channels: int = sum(branch.channels for branch in branches)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h', w')."""
+        return torch.cat([branch(x) for branch in self.branches], dim=1)
+
+
+def stem(width: float) -> nn.Sequential:
+    """(B, 3, 299, 299) -> (B, 384, 35, 35)."""
+    first = Chain(3, width, Conv(STEM_CHANNELS, 3, 2, 0), Conv(32, 3, 1, 0), Conv(64, 3))
+    second = Concat(
+        _max_pool(first.channels, padding=0), Chain(first.channels, width, Conv(96, 3, 2, 0))
+    )
+    third = Concat(
+        Chain(second.channels, width, Conv(64, 1), Conv(96, 3, 1, 0)),
+        Chain(
+            second.channels, width,
+            Conv(64, 1), Conv(64, (7, 1)), Conv(64, (1, 7)), Conv(96, 3, 1, 0),
+        ),
+    )  # fmt: skip
+    fourth = Concat(
+        Chain(third.channels, width, Conv(192, 3, 2, 0)), _max_pool(third.channels, padding=0)
+    )
+    return nn.Sequential(first, second, third, fourth)
+
+
+def inception_a(channels: int, width: float) -> Concat:
+    """(B, 384, 35, 35) -> (B, 384, 35, 35)."""
+    return Concat(
+        PooledChain(channels, width, Conv(96, 1)),
+        Chain(channels, width, Conv(96, 1)),
+        Chain(channels, width, Conv(64, 1), Conv(96, 3)),
+        Chain(channels, width, Conv(64, 1), Conv(96, 3), Conv(96, 3)),
+    )
+
+
+def reduction_a(channels: int, width: float) -> Concat:
+    """(B, 384, 35, 35) -> (B, 1024, 17, 17), with k, l, m, n = 192, 224, 256, 384."""
+    return Concat(
+        _max_pool(channels, padding=0),
+        Chain(channels, width, Conv(384, 3, 2, 0)),
+        Chain(channels, width, Conv(192, 1), Conv(224, 3), Conv(256, 3, 2, 0)),
+    )
+
+
+def inception_b(channels: int, width: float) -> Concat:
+    """(B, 1024, 17, 17) -> (B, 1024, 17, 17)."""
+    return Concat(
+        PooledChain(channels, width, Conv(128, 1)),
+        Chain(channels, width, Conv(384, 1)),
+        Chain(channels, width, Conv(192, 1), Conv(224, (1, 7)), Conv(256, (7, 1))),
+        Chain(
+            channels, width,
+            Conv(192, 1), Conv(192, (1, 7)), Conv(224, (7, 1)),
+            Conv(224, (1, 7)), Conv(256, (7, 1)),
+        ),
+    )  # fmt: skip
+
+
+def reduction_b(channels: int, width: float) -> Concat:
+    """(B, 1024, 17, 17) -> (B, 1536, 9, 9): padded by 1, unlike the classifier."""
+    return Concat(
+        _max_pool(channels, padding=1),
+        Chain(channels, width, Conv(192, 1), Conv(192, 3, 2, 1)),
+        Chain(
+            channels, width,
+            Conv(256, 1), Conv(256, (1, 7)), Conv(320, (7, 1)), Conv(320, 3, 2, 1),
+        ),
+    )  # fmt: skip
+
+
+def inception_c(channels: int, width: float) -> Concat:
+    """(B, 1536, 9, 9) -> (B, 1536, 9, 9)."""
+    short = Chain(channels, width, Conv(384, 1))
+    long = Chain(channels, width, Conv(384, 1), Conv(448, (1, 3)), Conv(512, (3, 1)))
+    return Concat(
+        PooledChain(channels, width, Conv(256, 1)),
+        Chain(channels, width, Conv(256, 1)),
+        Fork(short, width, Conv(256, (1, 3)), Conv(256, (3, 1))),
+        Fork(long, width, Conv(256, (3, 1)), Conv(256, (1, 3))),
+    )
+
+
+class InceptionV4Features(nn.Module):
+    """The backbone: six feature maps of sizes `MAP_SIZES` with `channels` channels each.
+
+    `width` multiplies the channels of every convolution, `depth` the number of Inception blocks;
+    1.0 and 1.0 are the published network. Raises InputError if either is too small.
+    """
+
+    def __init__(self, width: float = 1.0, depth: float = 1.0) -> None:
+        super().__init__()
+        check_width(width)
+        self.width = width
+        a_count, b_count, c_count = block_counts(depth)
+        first = stem(width)
+        a_blocks = _repeat(inception_a, a_count, _channels(first), width)
+        to_17 = reduction_a(_channels(a_blocks), width)
+        b_blocks = _repeat(inception_b, b_count, to_17.channels, width)
+        to_9 = reduction_b(_channels(b_blocks), width)
+        c_blocks = _repeat(inception_c, c_count, to_9.channels, width)
+        self.trunk = nn.ModuleList(
+            [
+                nn.Sequential(first, a_blocks),
+                nn.Sequential(to_17, b_blocks),
+                nn.Sequential(to_9, c_blocks),
+            ]
+        )
+        self.extra = _extra_stages(_channels(c_blocks), width)
+        self.channels: tuple[int, ...] = (
+            *(_channels(blocks) for blocks in (a_blocks, b_blocks, c_blocks)),
+            *(scale_channels(channels, width) for channels in EXTRA_CHANNELS),
+        )
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """(B, 3, 299, 299) -> six maps (B, channels[i], MAP_SIZES[i], MAP_SIZES[i])."""
+        maps, x = [], images
+        for stage in (*self.trunk, *self.extra):
+            x = stage(x)
+            maps.append(x)
+        return maps
+
+    def cell_centres(self) -> list[list[float]]:
+        """Cell centres of each map along either axis, in units of the image's side."""
+        centres, grid = [], Grid()
+        for size, stage in zip(MAP_SIZES, (*self.trunk, *self.extra), strict=True):
+            grid = through(stage, grid)
+            centres.append([grid.centre_px(cell) / IMAGE_SIDE_PX for cell in range(size)])
+        return centres
+
+
+def _repeat(
+    block: Callable[[int, float], Concat], count: int, channels: int, width: float
+) -> nn.Sequential:
+    """`count` blocks in a row; the first one may change the number of channels when scaled."""
+    blocks = nn.Sequential()
+    for _ in range(count):
+        blocks.append(block(channels, width))
+        channels = _channels(blocks)
+    return blocks
+
+
+def _extra_stages(channels: int, width: float) -> nn.ModuleList:
+    """SSD's extra stages: a 1 x 1 bottleneck of half the channels, then 3 x 3 with stride 2."""
+    stages = nn.ModuleList()
+    for count in EXTRA_CHANNELS:
+        stage = Chain(channels, width, Conv(count // 2, 1), Conv(count, 3, 2, 1))
+        stages.append(stage)
+        channels = stage.channels
+    return stages
+
+
+def _max_pool(channels: int, padding: int) -> Pool:
+    return Pool(nn.MaxPool2d(3, 2, padding), channels)
+
+
+def _channels(blocks: nn.Sequential) -> int:
+    """The output channels of a sequence's last block."""
+    last = blocks[-1]
+    assert isinstance(last, Concat)
+    return last.channels
+
+
+def _same_padding(kernel: Size) -> Size:
+    if isinstance(kernel, int):
+        return kernel // 2
+    return kernel[0] // 2, kernel[1] // 2

@@ -1,0 +1,82 @@
+"""The paper's network: backbone, head, default boxes and pose coder."""
+
+from collections.abc import Callable
+
+from torch import Tensor, nn
+
+from shaftpose.dataset.batches import Targets
+from shaftpose.network.decoding import decode
+from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL, clipped, default_boxes
+from shaftpose.network.ssd.heads import HeadOutputs
+from shaftpose.network.ssd.inception_v4 import InceptionV4Features
+from shaftpose.network.ssd.loss import ShaftLoss
+from shaftpose.network.ssd.pose_coding import PoseCoder
+from shaftpose.settings.schema import (
+    CameraSettings,
+    DetectionSettings,
+    LossSettings,
+    PoseRanges,
+    Size,
+)
+
+
+class SingleShotNetwork(PoseNetwork):
+    """Finds shafts and their poses in one pass, from default boxes.
+
+    `head` builds a head from `in_channels`, `boxes_per_cell`, `width` and `pose_values` (see
+    `heads`). `pose_coder` determines `pose_values` and decodes the head's poses.
+    """
+
+    defaults: Tensor
+
+    def __init__(
+        self,
+        backbone: InceptionV4Features,
+        head: Callable[..., nn.Module],
+        pose_coder: PoseCoder,
+        loss: ShaftLoss,
+    ) -> None:
+        super().__init__()
+        self.backbone = backbone
+        self.head = head(
+            in_channels=backbone.channels,
+            boxes_per_cell=BOXES_PER_CELL,
+            width=backbone.width,
+            pose_values=pose_coder.values,
+        )
+        self.pose_coder = pose_coder
+        self.continuous = pose_coder.continuous
+        self.loss = loss
+        defaults = clipped(default_boxes(backbone.cell_centres()))
+        self.register_buffer("defaults", defaults, persistent=False)
+
+    def forward(self, images: Tensor) -> HeadOutputs:
+        """(B, 3, 299, 299) in [-1, 1] -> predictions for the A = 7322 default boxes."""
+        return self.head(self.backbone(images))
+
+    def loss_terms(self, outputs: HeadOutputs, targets: Targets) -> dict[str, Tensor]:
+        """The paper's loss (III-E), its terms, and the number of matched default boxes."""
+        return self.loss(outputs, targets, self.defaults, self.pose_coder)._asdict()
+
+    def detections(self, outputs: HeadOutputs, limits: DetectionSettings) -> DecodedOutputs:
+        """The best boxes after non-maximum suppression and their poses."""
+        return decode(outputs, self.defaults, self.pose_coder, limits)
+
+
+def single_shot_network(
+    size: Size,
+    camera: CameraSettings,
+    poses: PoseRanges,
+    loss: LossSettings,
+    backbone: Callable[..., InceptionV4Features],
+    head: Callable[..., nn.Module],
+    pose_coder: Callable[..., PoseCoder],
+) -> SingleShotNetwork:
+    """Build the network of the settings from the components named in a variant's file."""
+    return SingleShotNetwork(
+        backbone=backbone(width=size.width, depth=size.depth),
+        head=head,
+        pose_coder=pose_coder(poses.low, poses.high),
+        loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
+    )

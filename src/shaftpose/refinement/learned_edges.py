@@ -1,0 +1,47 @@
+"""Where a model's edge reader finds the outline of a shaft in an image."""
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from shaftpose.refinement.contour import Contour
+from shaftpose.refinement.edges import Offsets
+from shaftpose.refinement.outline_strips import COLUMNS, MIDDLE, ROWS, outline_strips
+
+STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
+_LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
+# Measured (docs/beyond.md): where a reader is unsure of an edge, it states less than its offset.
+_CAUTION = 1.25
+
+
+class LearnedEdges:
+    """A model's edge reader (`network.dense.edge_reader`), as an ONNX model in bytes.
+
+    Raises onnxruntime's exceptions if the bytes are no model, and ValueError
+    if they are another one.
+    """
+
+    def __init__(self, network: bytes) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # strips are too small to share
+        self._session = onnxruntime.InferenceSession(
+            network, options, providers=["CPUExecutionProvider"]
+        )
+        takes = {each.name: each.shape[1:] for each in self._session.get_inputs()}
+        gives = [each.name for each in self._session.get_outputs()]
+        if takes != {STRIPS: [3, ROWS, COLUMNS]} or gives != OUTPUTS:
+            raise ValueError(f"an edge reader takes {takes} and gives {gives}")
+
+    def read(self, colours: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+        """Strips (P, ROWS, COLUMNS, 3) in [-1, 1] -> offsets in columns and the logarithms of their
+        mean errors, (P, ROWS) each."""
+        strips = np.ascontiguousarray(colours.transpose(0, 3, 1, 2))
+        return list(self._session.run(OUTPUTS, {STRIPS: strips}))
+
+    def __call__(self, rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+        """The edges of an image (H, W, 3) in [-1, 1] within `reach_px` of the contour."""
+        step_px = reach_px / MIDDLE
+        strips = outline_strips(rgb, contour, step_px)
+        offsets, errors = (strips.of_samples(values) for values in self.read(strips.colours))
+        variance = 2 * step_px**2 * (np.exp(2 * errors) + _LEAST_ERROR**2)  # of Laplace errors
+        return Offsets(_CAUTION * step_px * offsets, strips.inside / variance)

@@ -1,0 +1,67 @@
+"""How far a mask supports a fitted shaft, and which of several fits show the same shaft.
+
+A network's heat tells little about a tip between a shaft and its jaws: it has several peaks there.
+The mask's edges tell more.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Camera, projected_axes
+from shaftpose.refinement.contour import Array, Shaft, shaft_contour
+from shaftpose.refinement.edges import mask_contrast
+
+_REACH_PX = 4.0
+_NEAR_TIP = 1.5  # radii of the shaft in the image
+# A shaft's tip on the axis of another: so many radii to its side or in front of its tip at most,
+# and the cosine of the angle between both in the image at least.
+_ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
+
+
+def supported(
+    score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
+) -> float:
+    """The geometric mean of a detection's score and the mask's contrast along its whole outline,
+    and next to its tip. The score itself where no outline is in the image, 0 for
+    what is no pose."""
+    if not np.isfinite(pose).all() or pose[2] <= 0:
+        return 0.0
+    contour = shaft_contour(pose, shaft, camera)
+    if not len(contour.points):
+        return score
+    contrast, lengths = mask_contrast(mask, contour, _REACH_PX)
+    if not lengths.any():
+        return score
+    along = float(contrast @ lengths / lengths.sum())
+    away = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1)
+    near = lengths * (away < _NEAR_TIP * _radius_px(pose, shaft, camera))
+    at_tip = float(contrast @ near / near.sum()) if near.any() else along
+    return float(np.cbrt(score * along * at_tip))
+
+
+def distinct(poses: Array, shaft: Shaft, camera: Camera) -> list[int]:
+    """The rows of poses (K, 5), best first, that show no shaft that a better one shows."""
+    tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
+    ways = behind - tips
+    ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    kept: list[int] = []
+    for row in range(len(poses)):
+        others = (
+            (tips[row] - tips[one], ways[one], _radius_px(poses[one], shaft, camera))
+            for one in kept
+            if ways[one] @ ways[row] > _ALIGNED
+        )
+        if not any(_on_axis(*other) for other in others):
+            kept.append(row)
+    return kept
+
+
+def _on_axis(offset: Array, way: Array, radius_px: float) -> bool:
+    """Whether a point at an offset from a tip lies on its shaft, or shortly in front of it."""
+    aside = abs(offset[0] * way[1] - offset[1] * way[0])
+    return bool(aside < _ASIDE * radius_px + _ASIDE_PX and offset @ way > -_AHEAD * radius_px)
+
+
+def _radius_px(pose: Array, shaft: Shaft, camera: Camera) -> float:
+    """The radius of a shaft in the image, at its tip."""
+    return float(camera.focal_px * shaft.diameter_mm / 2 / pose[2])

@@ -1,0 +1,457 @@
+"""The parts of the settings: small frozen dataclasses that check types and ranges."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from shaftpose.settings.choices import Refinement
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError(f"the lower end {pair[0]:g} is above the upper end {pair[1]:g}; swap them")
+    return pair
+
+
+def _spread(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise ValueError("the upper end must be above the lower end: poses are scaled by the range")
+    return pair
+
+
+def _ascending_counts(pair: tuple[int, int]) -> tuple[int, int]:
+    _ascending(pair)
+    return pair
+
+
+def _fractions(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= pair[0] <= pair[1] <= 1:
+        raise ValueError("both ends must lie in [0, 1], the lower one first")
+    return pair
+
+
+def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < 0:
+        raise ValueError("the lower end must not be negative")
+    return pair
+
+
+def _colour_temperatures(pair: tuple[float, float]) -> tuple[float, float]:
+    if not 3000 <= pair[0] <= pair[1] <= 10000:
+        raise ValueError("both ends must lie in [3000, 10000] K, the lower one first")
+    return pair
+
+
+def _above_zero(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] <= 0:
+        raise ValueError("the lower end must lie above 0")
+    return pair
+
+
+def _qualities(pair: tuple[int, int]) -> tuple[int, int]:
+    if not 1 <= pair[0] <= pair[1] <= 100:
+        raise ValueError("both ends must lie in [1, 100], the lower one first")
+    return pair
+
+
+def _half_turn(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] < 0 or pair[1] > 180:
+        raise ValueError("both ends must lie in [0, 180] deg: other angles repeat the same shafts")
+    return pair
+
+
+def _one_turn(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[1] - pair[0] > 360:
+        raise ValueError("must span at most 360 deg: other angles repeat the same shafts")
+    return pair
+
+
+Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+NotNegativeRange = Annotated[Range, AfterValidator(_not_negative)]
+SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
+KelvinRange = Annotated[tuple[float, float], AfterValidator(_colour_temperatures)]
+UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
+QualityRange = Annotated[tuple[int, int], AfterValidator(_qualities)]
+Count = Annotated[int, Field(ge=0)]
+PositiveInt = Annotated[int, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+InstrumentCounts = Annotated[
+    tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0, le=8)]],
+    AfterValidator(_ascending_counts),
+]
+
+
+def _names_a_class(values: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(values.get("_target_"), str):
+        raise ValueError("must name a class or function as _target_; copy it from another variant")
+    return values
+
+
+# `_target_` and arguments, from which Hydra builds an object.
+Component = Annotated[dict[str, Any], AfterValidator(_names_a_class)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class CameraSettings:
+    """The endoscope: a square image of `size_px` and its field of view (paper, II)."""
+
+    size_px: ClassVar[int] = 299  # the network's input
+    view_deg: Annotated[float, Field(gt=0, lt=170)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class PoseRanges:
+    """Ranges that poses are drawn from and normalised by (paper, Table of ranges)."""
+
+    x_mm: SpreadRange
+    y_mm: SpreadRange
+    z_mm: Annotated[SpreadRange, AfterValidator(_above_zero)]  # in front of the camera
+    pitch_deg: Annotated[SpreadRange, AfterValidator(_half_turn)]
+    yaw_deg: Annotated[SpreadRange, AfterValidator(_one_turn)]
+
+    @property
+    def low(self) -> tuple[float, ...]:
+        """(5,) lower ends in the order x_mm, y_mm, z_mm, pitch_deg, yaw_deg."""
+        return tuple(pair[0] for pair in self._pairs)
+
+    @property
+    def high(self) -> tuple[float, ...]:
+        """(5,) upper ends in the same order."""
+        return tuple(pair[1] for pair in self._pairs)
+
+    @property
+    def _pairs(self) -> tuple[SpreadRange, ...]:
+        return self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg
+
+
+@dataclass(frozen=True, config=_STRICT)
+class CadSettings:
+    """The CAD file (STL, OBJ, GLB) of an instrument and its orientation there.
+
+    axis: the file's axis along the instrument; None: the longest principal axis. tip: whether the
+    tip is at the low or the high end of that axis; None: at the thinner end.
+    """
+
+    file: Path
+    unit: Literal["mm", "cm", "m", "inch"]
+    axis: Literal["x", "y", "z"] | None = None
+    tip: Literal["low", "high"] | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ShaftSettings:
+    """The instrument: a straight steel rod with one of four tips, or `cad` instead.
+
+    bevel_mm: width of the chamfer, or radius of the rounding, around the tip; jaw_angle_deg: angle
+    between the jaws of a forceps.
+    """
+
+    diameter_mm: Positive
+    length_mm: Positive
+    tip: Literal["flat", "chamfered", "rounded", "forceps"]
+    bevel_mm: Positive
+    jaw_angle_deg: Annotated[float, Field(ge=0, le=120)]
+    cad: CadSettings | None
+
+    def __post_init__(self) -> None:
+        if self.tip in ("chamfered", "rounded") and not self.bevel_mm < self.diameter_mm / 2:
+            raise ValueError(
+                f"bevel_mm = {self.bevel_mm:g} must be less than half of "
+                f"diameter_mm = {self.diameter_mm:g}"
+            )
+        least_mm = 4 * self.diameter_mm if self.tip == "forceps" else self.bevel_mm
+        if self.cad is None and not self.length_mm > least_mm:
+            raise ValueError(
+                f"length_mm = {self.length_mm:g} must be more than {least_mm:g}, the length of the "
+                f"tip {self.tip!r}"
+            )
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SceneSettings:
+    """The random properties of a scene around the poses of one image.
+
+    instruments: minimum and maximum number of shafts; lens_radius_mm: sphere around the camera that
+    no shaft cuts; min_visible_px: a shaft with fewer visible pixels is sampled again;
+    light_strength: radiant power of the scope's light in W; light_shape: two light guides next to
+    the lens or a ring around it; ambient: brightness of the background as reflected by the metal, 1
+    is as photographed; roughness: of the steel; scratches: strength of the normal map; anisotropy:
+    elongation of highlights, as on turned steel; films: share of a shaft's surface under blood or
+    clear fluid; coating_probability: chance that a shaft has a polymer coating; coating_grey: its
+    reflectance, uniform in the logarithm; coating_roughness: of its surface; jaws_probability:
+    chance that jaws, which are not annotated, extend from a shaft's tip; contact_shadow: how much
+    the shafts darken the background next to them;
+    occluder_probability: chance that tissue hides part of an image's shafts; occluder_coverage:
+    hidden share of each of these shafts; crossing_probability: chance of an extra shaft, annotated
+    like the others, that passes in front of one of them; crossing_coverage: largest share that it
+    hides of another shaft, always above 0.
+    """
+
+    instruments: InstrumentCounts
+    lens_radius_mm: Annotated[float, Field(ge=0)]
+    min_visible_px: PositiveInt
+    light_strength: Annotated[Range, AfterValidator(_above_zero)]
+    light_kelvin: KelvinRange
+    light_shape: Literal["twin", "ring"]
+    ambient: NotNegativeRange
+    steel_grey: UnitRange
+    roughness: UnitRange
+    scratches: UnitRange
+    anisotropy: UnitRange
+    films: UnitRange
+    coating_probability: Fraction
+    coating_grey: Annotated[UnitRange, AfterValidator(_above_zero)]
+    coating_roughness: UnitRange
+    jaws_probability: Fraction
+    contact_shadow: UnitRange
+    occluder_probability: Fraction
+    occluder_coverage: UnitRange
+    crossing_probability: Fraction
+    crossing_coverage: UnitRange
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Distortion:
+    """Radial distortion by OpenCV's k1 and k2; see `shaftpose.core.geometry.Camera`."""
+
+    k1: Range
+    k2: Range
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LensSettings:
+    """Effects of lens, air and sensor on the finished image; all off in the paper's setting.
+
+    blur_px: standard deviation of the defocus; motion_px: image motion during the exposure; haze:
+    opacity of surgical smoke; vignette: darkening at the corners; noise: standard deviation of
+    sensor noise in grey levels of 255; jpeg_quality: of the recorder, which compresses before the
+    stored file does; field_px: diameter of a scope's round picture. Pixels are those of the
+    rendered image.
+    """
+
+    blur_px: NotNegativeRange
+    motion_px: NotNegativeRange
+    haze: UnitRange
+    vignette: UnitRange
+    noise: NotNegativeRange
+    jpeg_quality: QualityRange | None
+    distortion: Distortion
+    field_px: Positive | None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RenderSettings:
+    """Everything that determines the images of a rendered set except its backgrounds and seed.
+
+    device: the device for Cycles; the CPU if Blender does not find it.
+    """
+
+    camera: CameraSettings
+    poses: PoseRanges
+    shaft: ShaftSettings
+    scene: SceneSettings
+    lens: LensSettings
+    samples: PositiveInt
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)]
+    device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
+
+    def __post_init__(self) -> None:
+        if self.scene.jaws_probability and (self.shaft.cad or self.shaft.tip == "forceps"):
+            raise ValueError(
+                f"scene.jaws_probability = {self.scene.jaws_probability:g}: an instrument with its "
+                "own end (shaft.cad, or shaft.tip: forceps) cannot have jaws; set it to 0"
+            )
+        field_px, diagonal_px = self.lens.field_px, math.sqrt(2) * self.camera.size_px
+        if field_px is not None and field_px >= diagonal_px:
+            raise ValueError(
+                f"lens.field_px = {field_px:g} has no effect: the diagonal of the rendered image "
+                f"is {diagonal_px:.0f} px; set a smaller value, or null"
+            )
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SlurmSettings:
+    """The resources of each of `jobs` Slurm jobs; memory as in 64GB, walltime as in 12:00:00."""
+
+    queue: str | None
+    cores: PositiveInt
+    memory: Annotated[str, Field(pattern=r"^\d+ ?[kMGT]i?B$")]
+    walltime: str
+    jobs: PositiveInt
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ClusterSettings:
+    """Where rendering runs; see `shaftpose.farm.cluster`. No result depends on it.
+
+    workers: processes on this machine, unless a scheduler's address or Slurm is set; hang_s: a
+    Blender process that finishes no image for this many seconds is killed.
+    """
+
+    workers: PositiveInt
+    address: str | None
+    slurm: SlurmSettings | None
+    hang_s: Positive
+
+    def __post_init__(self) -> None:
+        if self.address is not None and self.slurm is not None:
+            raise ValueError("address and slurm are both set; make one of them null")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Size:
+    """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys."""
+
+    sources: PositiveInt
+    variations: PositiveInt
+    images: PositiveInt
+    images_per_shard: PositiveInt
+    samples: PositiveInt
+    test_set: PositiveInt
+    real: PositiveInt
+    width: Positive
+    depth: Positive
+    batch_size: PositiveInt
+    detector_steps: PositiveInt
+    steps: PositiveInt
+    warmup_steps: Count
+    validate_every: PositiveInt
+    optimizer: Literal["adam", "muon"]
+    learning_rate: Positive
+    precision: Literal["auto", "32-true", "bf16-mixed", "16-mixed"]
+
+    def __post_init__(self) -> None:
+        for name, steps in (("detector_steps", self.detector_steps), ("steps", self.steps)):
+            if not self.warmup_steps < steps:
+                raise ValueError(
+                    f"warmup_steps = {self.warmup_steps} must be less than {name} = {steps}"
+                )
+
+
+@dataclass(frozen=True, config=_STRICT)
+class BackgroundSettings:
+    """The source of backgrounds and their colour variations; saturation and brightness are
+    factors."""
+
+    source: str | None
+    hue_deg: Range
+    saturation: NotNegativeRange
+    brightness: NotNegativeRange
+    held_out: Annotated[float, Field(gt=0, lt=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SplitSettings:
+    """Method and shares of the test and validation parts; see `shaftpose.dataset.split`."""
+
+    method: Literal["grouped", "random"]
+    test: Annotated[float, Field(gt=0, lt=1)]
+    validation: Annotated[float, Field(gt=0, lt=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Augmentation:
+    """Ranges of random colour changes; see `shaftpose.dataset.transforms`."""
+
+    brightness: Range
+    contrast: Range
+    saturation: Range
+    hue_deg: Range
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrainingSettings:
+    """How a network is trained: params.yaml explains the keys."""
+
+    loader_workers: Count | None
+    checkpoint_minutes: Annotated[float, Field(ge=0)]
+    max_hours: Positive | None
+    on_damaged: Literal["stop", "skip"]
+    gradient_clip: Positive | None
+    ema_decay: Annotated[float, Field(gt=0, lt=1)] | None
+    frozen_norm_share: Fraction
+    compile: bool
+    augmentation: Augmentation
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Variant:
+    """One variant of the ablation: conf/variant/`name`.yaml.
+
+    network: see `shaftpose.network.building`; start: checkpoint of a detector whose weights a
+    training starts from, None for random ones; pose_loss: whether L_pose counts, if not the network
+    becomes a detector to start from; noise: half-width of the uniform noise on half of the training
+    images, grey levels; real_share: share of real images in training; symmetries: whether training
+    images are mirrored and rotated, real ones also scaled; see `dataset.symmetries` and
+    `dataset.similarities`.
+    """
+
+    name: str
+    title: str
+    network: Component
+    start: Path | None
+    pose_loss: bool
+    noise: Count
+    real_share: Fraction
+    symmetries: bool
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LossSettings:
+    """Weights of the loss (paper, loss function); beta in the order x, y, z, pitch, yaw."""
+
+    alpha: Annotated[float, Field(ge=0)]
+    gamma: Positive
+    beta: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=5, max_length=5)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class DetectionSettings:
+    """Limits of decoding, see `shaftpose.network.decoding`, and the refinement of poses, see
+    `shaftpose.refinement.refiner`.
+
+    confidence_threshold: None for the model's own.
+    """
+
+    top_k: Annotated[int, Field(gt=0, le=7322)]  # the number of default boxes
+    nms_iou: Fraction
+    max_detections: PositiveInt
+    confidence_threshold: Fraction | None
+    refine: Refinement
+
+    def __post_init__(self) -> None:
+        if self.max_detections > self.top_k:
+            raise ValueError(f"max_detections = {self.max_detections} exceeds top_k = {self.top_k}")
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ReportSettings:
+    """How the champion is chosen: see `shaftpose.report.ablation`."""
+
+    champion_margin: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrackingSettings:
+    """Where MLflow keeps its records: see `shaftpose.tracking.connect`."""
+
+    uri: str | None
+    experiment: Annotated[str, Field(min_length=1)]
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TrainerSettings:
+    """Arguments of Lightning's Trainer: one file of conf/trainer."""
+
+    accelerator: str
+    devices: PositiveInt | str | list[int]
+    num_nodes: PositiveInt = 1
+    strategy: str = "auto"
+    sync_batchnorm: bool = False
+    benchmark: bool | None = None

@@ -1,0 +1,158 @@
+"""Running an exported model."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+from shaftpose.core.errors import InputError
+from shaftpose.export.onnx_export import store_facts
+from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.predictor import Predictor, network_and_fit
+from tests.conftest import BOXES, constant_edge_reader, write_constant_model
+from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
+
+
+def test_empty_places_are_left_out(constant_model: Path) -> None:
+    found = Predictor(constant_model)(np.zeros((3, 299, 299, 3), dtype=np.uint8))
+    assert [image.scores.tolist() for image in found] == [[0.75, 0.25]] * 3
+    assert found[2].boxes.tolist() == [[10, 20, 110, 220], [150, 10, 290, 90]]
+    assert found[2].poses[1].tolist() == [-8, 5, 31, 55, 350]
+
+
+def test_outputs_that_are_not_finite_are_named_with_file_and_image(tmp_path: Path) -> None:
+    values = {"boxes": BOXES, "scores": [0.75, np.nan, 0.0], "poses": np.zeros((3, 5))}
+    path = write_constant_model(tmp_path / "m.onnx", {k: np.array(v) for k, v in values.items()})
+    with pytest.raises(InputError, match=rf"^{path}: image 0 of a batch: .* not finite"):
+        Predictor(path)(np.zeros((3, 299, 299, 3), dtype=np.uint8))
+
+
+def test_a_mask_that_is_not_finite_is_named_with_file_and_image(masked_model: Path) -> None:
+    spoilt = soft_mask(POSES[0])
+    spoilt[7, 9] = np.nan
+    values = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75])}
+    write_constant_model(masked_model, {**values, "poses": POSES[0][None], "mask": spoilt})
+    store_facts(masked_model, FLAT_ROD)
+    predictor, images = Predictor(masked_model), np.zeros((2, 299, 299, 3), dtype=np.uint8)
+    for read in (predictor, predictor.masks):
+        with pytest.raises(InputError, match=rf"^{masked_model}: image 0 of a batch: .* a mask"):
+            read(images)
+
+
+def test_the_file_keeps_its_confidence(constant_model: Path) -> None:
+    store_facts(constant_model, ModelFacts(0.1 + 0.2, 95.0, 3.0))
+    assert Predictor(constant_model).confidence == 0.1 + 0.2
+    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    assert Predictor(constant_model).confidence == 0.5
+
+
+def test_the_file_states_its_camera_and_its_shaft(constant_model: Path) -> None:
+    store_facts(constant_model, ModelFacts(0.5, 70.5, 5.0))
+    predictor = Predictor(constant_model)
+    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (70.5, 5.0)
+    assert predictor.side_px == 299
+    store_facts(constant_model, ModelFacts(0.5, 70.5, None))  # an instrument from a CAD file
+    assert Predictor(constant_model).facts.shaft_diameter_mm is None
+
+
+def test_a_file_that_states_no_camera_has_the_papers(constant_model: Path) -> None:
+    predictor = Predictor(constant_model)
+    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (95.0, None)
+
+
+def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
+    message = r"constant\.onnx: holds no confidence threshold; export it again"
+    with pytest.raises(InputError, match=message):
+        _ = Predictor(constant_model).confidence
+
+
+def test_damaged_metadata_are_named(constant_model: Path) -> None:
+    model = onnx.load(str(constant_model))
+    onnx.helper.set_model_props(model, {"confidence": "high"})
+    onnx.save(model, str(constant_model))
+    with pytest.raises(InputError, match=r"constant\.onnx: its metadata are damaged .*high"):
+        Predictor(constant_model)
+
+
+FLAT_ROD = ModelFacts(
+    0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat",
+    edge_reader=constant_edge_reader(offset=0.0, log_error=0.0),
+)  # fmt: skip
+
+
+def test_poses_are_fitted_to_finer_images_where_there_are_any(masked_model: Path) -> None:
+    images = np.zeros((2, 299, 299, 3), dtype=np.uint8)
+    fine = np.repeat((200 * soft_mask(POSES[0], times=2)).astype(np.uint8)[..., None], 3, axis=2)
+    coarse, fitted = Predictor(masked_model)(images, [None, fine])
+    assert np.all(fitted.deviations[0] < coarse.deviations[0])
+    assert np.all(np.abs(fitted.poses[0] - POSES[0]) < [0.03, 0.03, 0.2, 0.5, 0.2])
+
+
+@pytest.fixture
+def masked_model(tmp_path: Path) -> Path:
+    """A model that finds the first of `POSES`, not quite, and its true mask."""
+    values = {
+        "boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75]), "mask": soft_mask(POSES[0]),
+        "poses": POSES[:1] + np.array([0.5, -0.4, 1.5, 5.0, -4.0]),
+    }  # fmt: skip
+    ordered = {name: values[name] for name in ("boxes", "scores", "poses", "mask")}
+    path = write_constant_model(tmp_path / "masked.onnx", ordered)
+    store_facts(path, FLAT_ROD)
+    return path
+
+
+def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
+    found = Predictor(masked_model, "mask")(np.zeros((2, 299, 299, 3), dtype=np.uint8))
+    assert len(found) == 2
+    assert np.all(np.abs(found[1].poses[0] - POSES[0]) < [0.05, 0.05, 0.3, 0.8, 0.3])
+    assert np.all(found[1].boxes[0] > 100)
+    alone, fitting = network_and_fit(masked_model, "mask")
+    assert (alone.refiner, fitting.refiner is None) == (None, False)
+    (own,) = alone(np.zeros((1, 299, 299, 3), dtype=np.uint8))
+    assert own.boxes.tolist() == [[1, 2, 3, 4]]
+
+
+def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
+    alone, fitting = network_and_fit(masked_model, "mask")
+    assert alone.confidence == 0.5
+    with pytest.raises(InputError, match=r"masked\.onnx: holds no confidence threshold"):
+        _ = fitting.confidence
+    store_facts(masked_model, replace(FLAT_ROD, fit_confidence=0.25))
+    assert [one.confidence for one in network_and_fit(masked_model, "mask")] == [0.5, 0.25]
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        replace(FLAT_ROD, shaft_diameter_mm=None, shaft_length_mm=None),  # from a CAD file
+        replace(FLAT_ROD, distorted=True),
+    ],
+)
+def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelFacts, masked_model: Path) -> None:
+    store_facts(masked_model, facts)
+    assert Predictor(masked_model).facts == facts
+    assert len(network_and_fit(masked_model, "edges")) == 1
+
+
+def test_a_model_without_an_edge_reader_is_fitted_to_its_mask_alone(masked_model: Path) -> None:
+    store_facts(masked_model, replace(FLAT_ROD, edge_reader=None))
+    with pytest.raises(InputError, match=r"masked\.onnx: holds no edge reader.*--refine mask"):
+        Predictor(masked_model)
+    assert not Predictor(masked_model, "mask").fits_edges
+    store_facts(masked_model, replace(FLAT_ROD, edge_reader=b"no model"))
+    with pytest.raises(InputError, match=r"masked\.onnx: its edge reader is damaged"):
+        Predictor(masked_model)
+
+
+@pytest.mark.parametrize("content", [None, b"no model"])
+def test_what_is_no_model_is_named(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "model.onnx"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(
+        InputError,
+        match=r"model\.onnx: no(t a readable ONNX| such file; export it, or name a) model",
+    ):
+        Predictor(path)

@@ -1,0 +1,51 @@
+"""Tip and axis errors in the image, on axes whose errors are known by hand."""
+
+import numpy as np
+import pytest
+
+from shaftpose.core.geometry import Camera, projected_axes
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.metrics.image_axes import image_errors
+
+CAMERA = Camera(width=100, height=100, focal_px=50.0, cx=50.0, cy=50.0)
+BOXES = np.array([[0.0, 0.0, 40.0, 40.0], [50.0, 50.0, 100.0, 90.0]])
+# Across the view, 10 mm away: 5 px to the mm. Tips at (40, 50) and (60, 60) px.
+POSES = np.array([[-2.0, 0.0, 10.0, 90.0, 0.0], [2.0, 2.0, 10.0, 90.0, 90.0]])
+
+
+def found(scores: list[float]) -> Detections:
+    return Detections(BOXES, np.array(scores), POSES)
+
+
+def test_axes_are_projected_from_the_tip_towards_the_handle() -> None:
+    expected = [[[40, 50], [45, 50]], [[60, 60], [60, 65]]]
+    np.testing.assert_allclose(projected_axes(POSES, CAMERA), expected)
+
+
+def test_errors_are_distances_of_tips_and_angles_of_axes() -> None:
+    # 3 and 4 px off; a true axis 45 deg to the left of the first, the second reversed.
+    true = np.array([[[43.0, 54.0], [53.0, 44.0]], [[60.0, 60.0], [60.0, 20.0]]])
+    errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [CAMERA])
+    np.testing.assert_allclose(errors.tip_px, [5, 0], atol=1e-9)
+    np.testing.assert_allclose(errors.axis_deg, [45, 180])
+    # The first leaves the image at (97, 0), 50 px above the estimated line, the second at (60, 0).
+    np.testing.assert_allclose(errors.axis_px, [50, 0], atol=1e-9)
+
+
+def test_axes_leave_the_image_at_its_next_border_on_their_way() -> None:
+    # The estimated axes are the lines y = 50, to the right, and x = 60, downwards. The true ones
+    # leave at (100, 42), and at a tip that is outside.
+    true = np.array([[[40.0, 54.0], [45.0, 53.0]], [[70.0, 130.0], [70.0, 140.0]]])
+    errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [CAMERA])
+    np.testing.assert_allclose(errors.axis_px, [8, 10])
+
+
+@pytest.mark.parametrize(("scores", "expected"), [([0.9, 0.4], 1), ([0.4, 0.4], 0)])
+def test_only_found_instruments_with_a_known_axis_count(scores: list[float], expected: int) -> None:
+    true = np.array([[[40.0, 50.0], [50.0, 50.0]], [[60.0, 60.0], [60.0, 70.0]]])
+    known = Annotations(BOXES, None)
+    errors = image_errors([found(scores)], [known], [true], [CAMERA])
+    assert len(errors.tip_px) == len(errors.axis_deg) == len(errors.axis_px) == expected
+    true[0] = np.nan
+    assert not len(image_errors([found([0.9, 0.4])], [known], [true], [CAMERA]).tip_px)
+    assert not len(image_errors([], [], [], []).tip_px)

@@ -1,0 +1,203 @@
+"""E's targets, loss and decoding on synthetic shafts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.instruments import UNKNOWN
+from shaftpose.core.masks import mask_box
+from shaftpose.dataset.batches import Targets
+from shaftpose.network.dense.decoding import decode
+from shaftpose.network.dense.loss import border_weight, loss_terms
+from shaftpose.network.dense.network import DenseNetwork
+from shaftpose.network.dense.pinhole import Pinhole
+from shaftpose.network.dense.targets import decoded_poses, dense_targets, encoded_axis
+from shaftpose.refinement.contour import Shaft
+from tests.network.tiny import LIMITS
+
+SIDE, CELLS, DIAMETER_MM, LENGTH_MM = 299, 75, 3.0, 150.0
+PINHOLE = Pinhole(SIDE, 95.0)
+CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+POSES = [[-6.0, 4.0, 20.0, 70.0, 130.0], [7.0, -2.0, 25.0, 80.0, 300.0]]
+
+
+def mask_of(pose: list[float]) -> np.ndarray:
+    shaft = ShaftPose.from_array(np.array(pose))
+    return np.isfinite(cylinder_depth(CAMERA, shaft, DIAMETER_MM, LENGTH_MM))
+
+
+def targets_of(poses: list[list[float]]) -> Targets:
+    """One image of these shafts; the second image of the batch has unknown masks and no poses."""
+    masks = [mask_of(pose) for pose in poses]
+    instances = np.stack([np.zeros((SIDE, SIDE)), np.full((SIDE, SIDE), UNKNOWN)]).astype(np.uint8)
+    for number, mask in enumerate(masks, 1):
+        instances[0][mask & (instances[0] == 0)] = number
+    boxes = torch.tensor([mask_box(mask) for mask in masks]).float() / SIDE
+    return Targets(
+        boxes=torch.stack([boxes, boxes]),
+        poses=torch.tensor([poses, poses]),
+        valid=torch.ones(2, len(poses), dtype=torch.bool),
+        has_pose=torch.tensor([True, False]),
+        instances=torch.from_numpy(instances),
+    )
+
+
+def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
+    """The mask and the maps of a network that knows the targets."""
+    truth = dense_targets(targets, CELLS, PINHOLE)
+    known = truth.values * truth.counts
+    maps = torch.cat([torch.logit(truth.heat, eps=1e-6)[:, None], known], dim=1)
+    assert targets.instances is not None
+    mask = 20 * (targets.instances[:, None, ::2, ::2] > 0).float() - 10
+    return mask, maps
+
+
+def test_pinhole_is_the_projects_camera() -> None:
+    points = torch.tensor([[1.0, -2.0, 20.0], [5.0, 3.0, 11.0]])
+    expected = CAMERA.project(points.double().numpy())
+    np.testing.assert_allclose(PINHOLE.project(points).numpy(), expected, rtol=1e-5)
+    torch.testing.assert_close(PINHOLE.lift(PINHOLE.project(points), points[:, 2:]), points)
+
+
+def test_poses_survive_their_coding() -> None:
+    poses = torch.tensor(POSES)
+    tips = PINHOLE.project(poses[:, :3])
+    values = torch.cat([2 * torch.log(poses[:, 2:3] / 25), encoded_axis(poses)], dim=-1)
+    torch.testing.assert_close(decoded_poses(tips, values, PINHOLE), poses, rtol=1e-4, atol=1e-3)
+
+
+def test_targets_by_hand() -> None:
+    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), CELLS, PINHOLE)
+    on_shaft = counts.all(1)
+    u, v = 136.99 * -6 / 20 + 149.5, 136.99 * 4 / 20 + 149.5
+    row, column = int(v / SIDE * CELLS), int(u / SIDE * CELLS)
+    assert heat[0].flatten().argmax() == row * CELLS + column
+    assert on_shaft[0, row, column + 0] or on_shaft[0, row + 1, column]
+    cell = on_shaft[0].nonzero()[3]
+    x, y = ((cell.flip(0) + 0.5) * SIDE / CELLS).tolist()
+    shown = values[0, :, cell[0], cell[1]].tolist()
+    way = (u - x) / 50, (v - y) / 50
+    p, w = np.radians(70), np.radians(130)
+    axis = [np.sin(p) * np.cos(w), np.sin(p) * np.sin(w), -2 * np.cos(p)]
+    assert shown == pytest.approx([*way, 2 * np.log(20 / 25), *axis], abs=1e-3)
+    assert has_heat.tolist() == [True, False]
+    assert not heat[1].any() and not counts[1].any()  # the image without poses
+
+
+def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    tips = PINHOLE.project(targets.poses[..., :3])
+    shown = targets._replace(instances=targets.instances[[0, 0]], tips_px=tips)
+    truth = dense_targets(shown, CELLS, PINHOLE)
+    assert truth.has_heat.tolist() == [True, True]
+    torch.testing.assert_close(truth.heat[1], truth.heat[0])
+    torch.testing.assert_close(truth.values[1, :2], truth.values[0, :2])
+    assert torch.equal(truth.counts[1, :2], truth.counts[0, :2])
+    assert not truth.counts[1, 2:].any()  # depth and axis
+    # One unknown tip: no heat, since its place is not background, and offsets of the other alone.
+    tips = tips.clone()
+    tips[1, 0] = torch.nan
+    truth = dense_targets(shown._replace(tips_px=tips), CELLS, PINHOLE)
+    assert truth.has_heat.tolist() == [True, False]
+    at = ((torch.arange(CELLS) + 0.5) * SIDE / CELLS).long()
+    first, second = (targets.instances[0][at][:, at] == number for number in (1, 2))
+    assert not truth.counts[1, 0][first].any() and truth.counts[1, 0][second].all()
+    assert truth.values.isfinite().all()
+
+
+def test_an_image_of_a_left_out_shaft_alone_has_no_heat() -> None:
+    targets = targets_of(POSES)
+    instances = torch.zeros(2, SIDE, SIDE, dtype=torch.uint8)
+    instances[1, 0, 0] = UNKNOWN  # no cell's centre
+    empty = targets._replace(valid=torch.zeros_like(targets.valid), instances=instances)
+    assert dense_targets(empty, CELLS, PINHOLE).has_heat.tolist() == [True, False]
+
+
+def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
+    targets = targets_of(POSES)
+    found = decode(*perfect_outputs(targets), PINHOLE, LIMITS)
+    scores = found.scores[0]
+    assert (scores > 0.5).sum() == 2
+    order = found.poses[0, :2, 0].argsort()
+    np.testing.assert_allclose(found.poses[0, order], POSES, atol=0.25)
+    boxes = targets.boxes[0] * SIDE
+    # Next to a shaft these maps are 0, and offsets at the mask's resolution are interpolated.
+    np.testing.assert_allclose(found.boxes[0, order], boxes, atol=5)
+    assert not (found.scores[1] > 0.5).any()
+
+
+def test_fewer_places_keep_the_best() -> None:
+    outputs = perfect_outputs(targets_of(POSES))
+    limits = replace(LIMITS, max_detections=1)
+    assert decode(*outputs, PINHOLE, limits).poses.shape == (2, 1, 5)
+
+
+def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie() -> None:
+    # Tips 14 px apart, axes to the left and down; far pixels of the first vote for the second tip.
+    targets = targets_of([[-1.0, 0.0, 20.0, 80.0, 180.0], [1.0, 0.0, 20.0, 80.0, 90.0]])
+    mask, maps = perfect_outputs(targets)
+    maps[0, 1, :, : CELLS // 2 - 10] += 9 / 50
+    found = decode(mask, maps, PINHOLE, LIMITS)
+    order = found.poses[0, :2, 0].argsort()
+    np.testing.assert_allclose(found.boxes[0, order], targets.boxes[0] * SIDE, atol=6)
+
+
+def test_perfect_outputs_have_next_to_no_loss() -> None:
+    targets = targets_of(POSES)
+    terms = loss_terms(*perfect_outputs(targets), targets, PINHOLE)
+    assert terms["pose"] == 0
+    assert terms["tip"] < 0.1  # next to the peak the truth is neither 0 nor 1
+    assert terms["mask"] < 0.5  # half the resolution blurs the border
+    assert terms["loss"] == pytest.approx(sum(float(v) for k, v in terms.items() if k != "loss"))
+
+
+def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
+    targets = targets_of(POSES)
+    mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
+    loss_terms(mask + 0.1, maps + 0.1, targets, PINHOLE)["loss"].backward()
+    assert mask.grad is not None and maps.grad is not None
+    assert mask.grad[0].any() and maps.grad[0].any()
+    assert not mask.grad[1].any() and not maps.grad[1].any()
+
+
+def test_an_image_without_poses_teaches_its_mask_alone() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
+    known = targets.instances[[0, 0]]
+    known[1, :, :50] = UNKNOWN
+    loss_terms(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
+    assert mask.grad is not None and maps.grad is not None
+    assert mask.grad[1].any() and not maps.grad[1].any()
+    assert not mask.grad[1, :, :, :24].any()  # half the resolution
+
+
+def test_the_border_weighs_ten_times_as_much() -> None:
+    truth = torch.zeros(1, 41, 41)
+    truth[:, :, :20] = 1
+    weight = border_weight(truth)[0, 20]
+    assert weight[19] == weight[20] == 10
+    assert weight[22] == pytest.approx(1 + 9 * np.exp(-2 / 2.5))
+    assert weight[0] == weight[-1] == 1
+
+
+def test_the_network_learns_one_image_by_heart() -> None:
+    torch.manual_seed(0)
+    network = DenseNetwork((8, 8, 8, 16), PINHOLE, Shaft(DIAMETER_MM, LENGTH_MM))
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    image = (targets.instances[:, None] > 0).float().expand(-1, 3, -1, -1) * 2 - 1
+    optimizer = torch.optim.Adam(network.parameters(), lr=0.01)
+    losses = []
+    for _ in range(12):
+        terms = network.loss_terms(network(image), targets)
+        optimizer.zero_grad()
+        terms["loss"].backward()
+        optimizer.step()
+        losses.append(float(terms["loss"].detach()))
+    assert losses[-1] < 0.6 * losses[0]

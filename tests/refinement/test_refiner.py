@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shaftpose.core.instruments import Detections
+from shaftpose.core.masks import mask_box
+from shaftpose.refinement.contour import Contour
+from shaftpose.refinement.edges import Offsets, mask_offsets
+from shaftpose.refinement.fit import Fit
+from shaftpose.refinement.refiner import Refiner
+from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
+
+OFF = np.array([0.5, -0.4, 1.5, 5.0, -4.0])
+NEAR = np.array([0.05, 0.05, 0.3, 0.8, 0.3])
+
+
+def detections(*poses: NDArray[np.float64]) -> Detections:
+    return Detections(np.zeros((len(poses), 4)), np.ones(len(poses)), np.array(poses))
+
+
+def grey(mask: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A bright shaft on dark tissue."""
+    return np.repeat((60 + 120 * mask).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def brightness_edges(rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+    """Where such an image changes from bright to dark, as sure as an edge reader is of it."""
+    soft = ((rgb[..., 0] + 1) * 127.5 - 60) / 120
+    found = mask_offsets(soft, contour, min(reach_px, 2.0))
+    return Offsets(found.px, 50 * found.weights)
+
+
+EDGES = {"mask": None, "edges": brightness_edges}
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_poses_and_boxes_are_those_of_the_silhouette(name: str) -> None:
+    mask = soft_mask(POSES[0])
+    found = Refiner(SHAFT, CAMERA, EDGES[name])(grey(mask), mask, detections(POSES[0] + OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < NEAR)
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 2.5)
+
+
+def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tip nearer to the camera than the shaft's radius and 1 mm has no contour, thus no box."""
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    monkeypatch.setattr(Refiner, "_fits", lambda *_: [lost])
+    mask = soft_mask(POSES[0])
+    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[0]))
+    np.testing.assert_array_equal(found.poses, POSES[:1])
+    assert np.isnan(found.deviations).all()
+
+
+def test_if_edges_lead_out_of_sight_the_fit_to_the_mask_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    monkeypatch.setattr(Refiner, "_on_edges", lambda *_: lost)
+    mask = soft_mask(POSES[0])
+    both = [
+        Refiner(SHAFT, CAMERA, edges)(grey(mask), mask, detections(POSES[0] + OFF))
+        for edges in (None, EDGES["edges"])
+    ]
+    np.testing.assert_array_equal(both[1].poses, both[0].poses)
+    np.testing.assert_array_equal(both[1].boxes, both[0].boxes)
+
+
+def test_edges_of_the_image_correct_a_wrong_mask() -> None:
+    true = POSES[0]
+    wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
+    refined = {
+        name: Refiner(SHAFT, CAMERA, edges)(grey(soft_mask(true)), wider, detections(true + OFF))
+        for name, edges in EDGES.items()
+    }
+    depth_errors = {name: abs(found.poses[0, 2] - true[2]) for name, found in refined.items()}
+    assert depth_errors["edges"] < 0.3 < depth_errors["mask"]
+
+
+def test_edges_of_a_finer_image_correct_a_wrong_mask() -> None:
+    true = POSES[0]
+    wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
+    plain, fine = grey(np.zeros_like(wider)), grey(soft_mask(true, times=2))
+    refiner, start = Refiner(SHAFT, CAMERA, brightness_edges), detections(true + OFF)
+    coarse, finer = (refiner(plain, wider, start, image) for image in (None, fine))
+    assert abs(finer.poses[0, 2] - true[2]) < 0.2 < abs(coarse.poses[0, 2] - true[2])
+    assert np.all(np.abs(finer.poses[0] - true) < NEAR)
+    assert np.all(finer.deviations < coarse.deviations)
+
+
+def test_a_fit_to_the_mask_ignores_a_finer_image() -> None:
+    mask = soft_mask(POSES[0])
+    refiner, start = Refiner(SHAFT, CAMERA, None), detections(POSES[0] + OFF)
+    fine = grey(soft_mask(POSES[1], times=2))
+    found, expected = refiner(grey(mask), mask, start, fine), refiner(grey(mask), mask, start)
+    np.testing.assert_array_equal(found.poses, expected.poses)
+
+
+def test_two_shafts_are_fitted_apart() -> None:
+    poses = POSES[0], np.array([-8.0, 5.0, 22.0, 65.0, 130.0])
+    mask = np.maximum(*(soft_mask(pose) for pose in poses))
+    starts = detections(*(pose + OFF for pose in poses))
+    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, starts)
+    assert np.all(np.abs(found.poses - poses) < 2.5 * NEAR)
+
+
+def test_a_smaller_mask_covers_the_same_view() -> None:
+    mask = soft_mask(POSES[0])
+    half = mask[:298, :298].reshape(149, 2, 149, 2).mean(axis=(1, 3))
+    rgb = grey(mask)[:298, :298]
+    found = Refiner(SHAFT, CAMERA, None)(rgb, half, detections(POSES[0] + OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.5, 2.0, 0.5])
+
+
+def test_a_hidden_part_has_no_say() -> None:
+    mask, rgb = soft_mask(POSES[0]), grey(soft_mask(POSES[0]))
+    mask[150:175] = 0.0  # across the shaft
+    found = Refiner(SHAFT, CAMERA, None)(rgb, mask, detections(POSES[0] + 0.5 * OFF))
+    assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.4, 1.5, 0.5])
+
+
+def test_a_detection_without_edges_stays_as_it_is() -> None:
+    start = detections(POSES[0], np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
+    empty = np.zeros((299, 299), np.float32)
+    found = Refiner(SHAFT, CAMERA, brightness_edges)(grey(empty), empty, start)
+    assert np.array_equal(found.poses, start.poses, equal_nan=True)
+    assert np.array_equal(found.boxes, start.boxes)
+
+
+def test_an_image_without_detections() -> None:
+    empty = np.zeros((299, 299), np.float32)
+    none = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    assert len(Refiner(SHAFT, CAMERA, brightness_edges)(grey(empty), empty, none).scores) == 0
+
+
+def test_fitted_poses_have_deviations() -> None:
+    mask = soft_mask(POSES[0])
+    start = detections(POSES[0] + OFF, np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
+    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, start)
+    assert np.all(found.deviations[0] > 0)
+    assert np.all(found.deviations[0] < [0.5, 0.5, 2.0, 10.0, 3.0])
+    assert np.isnan(found.deviations[1]).all()
+    assert len(found.above(2.0).deviations) == 0
+
+
+def test_boxes_end_at_the_border() -> None:
+    mask = soft_mask(POSES[1])
+    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[1] + 0.5 * OFF))
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 3)
+
+
+def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:
+    mask, box = soft_mask(POSES[0]), np.array([[1.0, 2.0, 3.0, 4.0]])
+    start = Detections(box, np.ones(1), POSES[0][None] + OFF)
+    found = Refiner(SHAFT._replace(flat_tip=False), CAMERA, None)(grey(mask), mask, start)
+    assert np.array_equal(found.boxes, box)
+    assert np.all(np.abs(found.poses[0, 3:] - POSES[0][3:]) < 1)
