@@ -20,8 +20,8 @@ import onnxruntime
 from tqdm import tqdm
 
 from benchmarks.machine import machine
+from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
-from shaftpose.core.json_files import write_json
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.bundled import bundled_model, bundled_names
 from shaftpose.inference.loading import load

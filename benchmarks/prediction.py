@@ -16,8 +16,8 @@ import onnxruntime
 from benchmarks.inference import times
 from benchmarks.machine import machine
 from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
-from shaftpose.core.json_files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.inference.predictor import Predictor
 

@@ -16,7 +16,7 @@ from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
 from benchmarks.rendering.common import PROFILE, ROOT, default_set
 from shaftpose.core.errors import exit_on_input_error
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
 
 OUT = ROOT / "benchmarks/results/render.json"

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from benchmarks.inference import finder, frames
 from benchmarks.machine import machine
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.inference.bundled import DEFAULT
 
 ROOT = Path(__file__).parents[1]

@@ -25,7 +25,7 @@ from lightning.fabric.utilities import move_data_to_device
 from benchmarks.aims import Aim
 from benchmarks.machine import machine
 from shaftpose.core.errors import InputError, exit_on_input_error
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.dataset.batches import Batch
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.split_lists import read_keys

@@ -4,7 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose import tracking
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split_lists import read_keys
 from shaftpose.evaluation.model_results import ModelResults, evaluation, flat, read_curves

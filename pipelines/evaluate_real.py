@@ -3,7 +3,7 @@
 from dataclasses import asdict
 
 from shaftpose import tracking
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 from shaftpose.evaluation.silhouettes import compare_silhouettes
 from shaftpose.inference.predictor import network_and_fit

@@ -4,7 +4,7 @@ import logging
 from dataclasses import asdict
 from pathlib import Path
 
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.real_folder import PARTS, copy_real
 from shaftpose.dataset.stand_in import write_stand_in

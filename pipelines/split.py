@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from shaftpose.core.json_files import read_json
+from shaftpose.core.files import read_json
 from shaftpose.dataset.split import split_images, write_split
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings

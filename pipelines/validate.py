@@ -6,7 +6,7 @@ from pathlib import Path
 from shaftpose.checks.data_card_files import write_data_card
 from shaftpose.checks.expected_sets import expected_sets
 from shaftpose.checks.set_checks import check_sets
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings

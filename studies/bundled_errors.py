@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from shaftpose.core.errors import InputError, exit_on_input_error
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.errors import InputError, exit_on_input_error
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import FIT, variant_row

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from shaftpose.core.errors import exit_on_input_error
+from shaftpose.core.files import read_json
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.core.json_files import read_json
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.tracker import matches
 from shaftpose.inference.tracks import tip_and_axis

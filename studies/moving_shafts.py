@@ -13,8 +13,8 @@ import cv2
 from tqdm import tqdm
 
 from shaftpose.core.errors import InputError, exit_on_input_error
+from shaftpose.core.files import write_json
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.core.json_files import write_json
 from shaftpose.rendering.blender import Renderer
 from shaftpose.rendering.generator import photograph
 from shaftpose.rendering.scene import Scene, SceneSampler

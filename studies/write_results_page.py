@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.errors import exit_on_input_error
-from shaftpose.core.json_files import read_json
+from shaftpose.core.files import read_json
 from shaftpose.figures.style import save_figure
 from shaftpose.report.ablation import AblationReport
 from shaftpose.stage_files import read_stage_file

@@ -13,7 +13,6 @@ _PLUMBING = tuple(
         "core.errors",
         "core.files",
         "stage_files",
-        "core.json_files",
         "origin",
         "source_code",
     )

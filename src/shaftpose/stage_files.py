@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.json_files import read_json
+from shaftpose.core.files import read_json
 
 T = TypeVar("T")
 

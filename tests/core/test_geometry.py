@@ -13,6 +13,8 @@ from shaftpose.core.geometry import (
     cylinder_depth,
     pose_from_rotation,
     segment_distance,
+    signed_deg,
+    unsigned_deg,
 )
 from shaftpose.core.masks import mask_box
 
@@ -335,3 +337,19 @@ def test_roll_turns_a_shaft_about_its_own_axis() -> None:
     np.testing.assert_allclose(rolled[:, 0], pose.rotation[:, 1], atol=1e-12)
     np.testing.assert_allclose(rolled[:, 1], -pose.rotation[:, 0], atol=1e-12)
     np.testing.assert_array_equal(pose.rolled(0.0), pose.rotation)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "signed", "unsigned"),
+    [(0.0, 0.0, 0.0), (179.0, 179.0, 179.0), (180.0, -180.0, 180.0), (-180.0, -180.0, 180.0),
+     (359.0, -1.0, 359.0), (-10.0, -10.0, 350.0), (725.0, 5.0, 5.0), (-1e-15, 0.0, 0.0)],
+)  # fmt: skip
+def test_angles_by_hand(angle_deg: float, signed: float, unsigned: float) -> None:
+    assert signed_deg(angle_deg) == signed
+    assert unsigned_deg(angle_deg) == unsigned
+
+
+def test_all_angles_of_an_array_are_wrapped() -> None:
+    angles = np.array([[-90.0, 270.0], [360.0, 540.0]])
+    assert signed_deg(angles).tolist() == [[-90.0, -90.0], [0.0, -180.0]]
+    assert unsigned_deg(angles).tolist() == [[270.0, 270.0], [0.0, 180.0]]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.report import writing
 from shaftpose.report.ablation import variant_row

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.metrics.binned_errors import BINS, ErrorBin
 from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow

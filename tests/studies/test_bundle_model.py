@@ -10,7 +10,7 @@ import pytest
 from onnx import ModelProto, numpy_helper
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.inference import bundled
 from shaftpose.inference.bundled import bundled_model
 from shaftpose.inference.predictor import Predictor

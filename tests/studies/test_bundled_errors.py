@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.export.onnx_export import store_facts
 from shaftpose.inference.bundled import bundled_model, checksum

@@ -6,9 +6,8 @@ from pathlib import Path
 from shaftpose.checks.data_card import QUANTITIES, quantities, ranges, statistics, to_markdown
 from shaftpose.checks.distributions import Distribution, distribution_figure
 from shaftpose.checks.image_facts import ImageFacts
-from shaftpose.core.files import new_file
+from shaftpose.core.files import new_file, write_json
 from shaftpose.core.images import write_jpeg
-from shaftpose.core.json_files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.drawing import contact_sheet, draw_sample, evenly_spaced
 from shaftpose.figures.style import save_figure

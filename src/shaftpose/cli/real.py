@@ -16,9 +16,8 @@ from itertools import chain
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.files import naming_refusal, new_file
+from shaftpose.core.files import naming_refusal, new_file, read_json
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
-from shaftpose.core.json_files import read_json
 
 _ANNOTATIONS = Path(__file__).with_name("real_images")
 _PARTS = ("train.json", "test.json")

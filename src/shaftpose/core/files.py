@@ -1,10 +1,12 @@
-"""Atomic file writes, CSV files, and full disks."""
+"""Files: atomic writes, small CSV and JSON files, and errors of the disk."""
 
 import csv
 import errno
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from shaftpose.core.errors import InputError
 
@@ -31,6 +33,22 @@ def write_csv(path: Path, headings: Sequence[str], rows: Iterable[Sequence[objec
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(headings)
         table.writerows(rows)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write `content` atomically; create the folder if needed."""
+    with new_file(path) as part:
+        part.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """Read a JSON file. Raises InputError naming it and the remedy if it is missing or damaged."""
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: missing; {remedy}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: cannot be read as JSON ({error}); {remedy}") from error
 
 
 @contextmanager

@@ -6,13 +6,13 @@ Shaft frame: origin at the centre of the distal tip, +z from the tip towards the
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.angles import unsigned_deg
-
 Array = NDArray[np.float64]
+Angle = TypeVar("Angle", float, NDArray[np.float64])  # one angle, or many of any shape
 
 # From the tip to a second point of the axis: in front of the camera in every pose in view.
 _AXIS_STEP_MM = 1.0
@@ -140,6 +140,16 @@ def _rays(camera: Camera, stride: int) -> Array:
         rays[~camera.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
     rays.flags.writeable = False
     return rays
+
+
+def signed_deg(angle: Angle) -> Angle:
+    """The same angle in [-180, 180) deg; made for differences of angles."""
+    return (angle + 180.0) % 360.0 - 180.0
+
+
+def unsigned_deg(angle: Angle) -> Angle:
+    """The same angle in [0, 360) deg."""
+    return angle % 360.0 % 360.0  # twice: the remainder of a tiny negative angle rounds to 360
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydantic import AliasPath, ConfigDict, Field
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_json
 from shaftpose.core.images import Image, centre_square, read_rgb
-from shaftpose.core.json_files import write_json
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset import run_lengths
 from shaftpose.dataset.polygons import crossing

@@ -7,7 +7,7 @@ and right of the lens, are mirrored and turned as well.
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.angles import unsigned_deg
+from shaftpose.core.geometry import unsigned_deg
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split_lists import read_keys
 from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_facts

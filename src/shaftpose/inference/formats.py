@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from shaftpose.core.angles import unsigned_deg
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.geometry import ShaftPose, unsigned_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Origin

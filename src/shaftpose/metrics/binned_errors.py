@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.angles import signed_deg
+from shaftpose.core.geometry import signed_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.metrics.detection.boxes import Array
 from shaftpose.metrics.pose_errors import PoseErrors

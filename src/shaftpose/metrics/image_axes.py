@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shaftpose.core.angles import signed_deg
-from shaftpose.core.geometry import Camera, projected_axes
+from shaftpose.core.geometry import Camera, projected_axes, signed_deg
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.metrics.detection.boxes import Array, matched_poses
 

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from shaftpose.core.angles import unsigned_deg
 from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import unsigned_deg
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.metrics.detection.average_precision import average_precision, precision_recall
 from shaftpose.metrics.detection.boxes import Array

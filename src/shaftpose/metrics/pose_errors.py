@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shaftpose.core.angles import signed_deg
-from shaftpose.core.geometry import axis_direction
+from shaftpose.core.geometry import axis_direction, signed_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
 from shaftpose.metrics.detection.boxes import Array, Indices, matched_poses
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.angles import signed_deg
-from shaftpose.core.geometry import Camera
+from shaftpose.core.geometry import Camera, signed_deg
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
 from shaftpose.refinement.fit_parameters import derivatives, moved, parameters

@@ -6,8 +6,7 @@ A network errs along the ray through the tip far more than across it.
 
 import numpy as np
 
-from shaftpose.core.angles import signed_deg, unsigned_deg
-from shaftpose.core.geometry import Array, Camera
+from shaftpose.core.geometry import Array, Camera, signed_deg, unsigned_deg
 
 
 def parameters(pose: Array, camera: Camera) -> Array:

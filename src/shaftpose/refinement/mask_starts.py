@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.angles import unsigned_deg
-from shaftpose.core.geometry import Camera
+from shaftpose.core.geometry import Camera, unsigned_deg
 from shaftpose.refinement.contour import Array, Shaft, shaft_contour
 
 Region = NDArray[np.uint8]

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.files import new_file
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import new_file, write_json
 from shaftpose.core.samples import SHAFT_OBJECT_ID
 from shaftpose.rendering.shapes import Shape
 

@@ -14,8 +14,7 @@ from lightning import Trainer, seed_everything
 from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
-from shaftpose.core.files import new_file
-from shaftpose.core.json_files import write_json
+from shaftpose.core.files import new_file, write_json
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.network.checkpoint import resumed_step
