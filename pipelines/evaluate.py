@@ -3,7 +3,6 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from shaftpose import tracking
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split_lists import read_keys
@@ -13,6 +12,8 @@ from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_training
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.trainings import log_results
 
 
 @stage
@@ -30,8 +31,8 @@ def main(settings: Settings) -> None:
     write_json(settings.out / "metrics.json", metrics)
     result = evaluation(settings, training, read_curves(model / "curves.csv"), *found)
     write_json(settings.results / "evaluation.json", asdict(result))
-    tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    tracking.log_results(training.training_id, name, metrics, figures)
+    connect(settings.tracking.uri, settings.tracking.experiment)
+    log_results(training.training_id, name, metrics, figures)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from dataclasses import asdict
 
-from shaftpose import tracking
 from shaftpose.core.files import write_json
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 from shaftpose.evaluation.silhouettes import compare_silhouettes
@@ -13,6 +12,8 @@ from shaftpose.rendering.silhouette import SilhouetteRenderer
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_domain, read_training
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.trainings import log_results
 
 
 @stage
@@ -26,14 +27,11 @@ def main(settings: Settings) -> None:
     scores, pictures = compare_silhouettes(predictors, confidences, render, sets, settings.out)
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
-    tracking.connect(settings.tracking.uri, settings.tracking.experiment)
+    connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = read_training(settings.model_folder).training_id
-    flat = {
-        f"{images}/{metric}": getattr(score, metric)
-        for images, score in scores.items()
-        for metric in ("detected_rate", "iou")
-    }
-    tracking.log_results(training_id, settings.variant.name, flat, pictures)
+    rates = {f"{images}/detected_rate": one.detected_rate for images, one in scores.items()}
+    overlaps = {f"{images}/iou": one.iou for images, one in scores.items()}
+    log_results(training_id, settings.variant.name, rates | overlaps, pictures)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,14 @@
 import logging
 from pathlib import Path
 
-from shaftpose import tracking
 from shaftpose.dataset.split_lists import first_images
 from shaftpose.export.model_file import export_model
 from shaftpose.network.building import NetworkSettings, trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_training
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.models import log_model
 
 PARITY_IMAGES = 16
 
@@ -28,9 +29,9 @@ def main(settings: Settings) -> None:
     )  # fmt: skip
     images = first_images(Path("data/render/images"), Path("data/split"), "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
-    tracking.connect(settings.tracking.uri, settings.tracking.experiment)
+    connect(settings.tracking.uri, settings.tracking.experiment)
     training_id, path = read_training(training).training_id, out / "model.onnx"
-    tracking.log_model(training_id, settings.variant.name, path, images[:1])
+    log_model(training_id, settings.variant.name, path, images[:1])
     logging.getLogger(__name__).info("the model is in %s; parity with PyTorch: %s", path, parity)
 
 

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
-from shaftpose import tracking
 from shaftpose.report.writing import read_evaluations, write_report
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.models import register_champion
 
 RESULTS = Path("data/results")
 
@@ -16,8 +17,8 @@ def main(settings: Settings) -> None:
     margin = settings.report.champion_margin
     champion = write_report(RESULTS, settings.variants, margin, settings.profile, settings.out)
     training = read_evaluations(RESULTS, [champion.trained])[champion.trained].training
-    tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-    tracking.register_champion(training.training_id, champion.trained, champion.rule)
+    connect(settings.tracking.uri, settings.tracking.experiment)
+    register_champion(training.training_id, champion.trained, champion.rule)
 
 
 if __name__ == "__main__":

@@ -6,9 +6,11 @@ from typing import Any
 
 from lightning.pytorch.loggers import Logger
 
-from shaftpose import tracking
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.dvc_lock import locked_hashes
+from shaftpose.tracking.trainings import training_run
 from shaftpose.training.recipe import training_recipe
 from shaftpose.training.run import train
 
@@ -20,10 +22,10 @@ def main(settings: Settings) -> None:
     def tracked(
         training_id: str, parameters: dict[str, Any], digests: dict[str, str]
     ) -> AbstractContextManager[Logger]:
-        tracking.connect(settings.tracking.uri, settings.tracking.experiment)
-        dataset = tracking.dataset_identity(Path("dvc.lock")) | digests
-        name, sweep_folder = settings.variant.name, settings.out.parent
-        return tracking.training_run(training_id, name, parameters, dataset, sweep_folder)
+        connect(settings.tracking.uri, settings.tracking.experiment)
+        dataset = locked_hashes(Path("dvc.lock"), Path("data")) | digests
+        name, sweep = settings.variant.name, settings.out.parent
+        return training_run(training_id, name, parameters, dataset, "data/render", sweep)
 
     train(training_recipe(settings), Path("data/scratch"), settings.out, settings.profile, tracked)
 

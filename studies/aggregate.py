@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shaftpose.core.errors import InputError
-from shaftpose.nested import flatten
 from shaftpose.report.ablation import VariantRow
+from shaftpose.settings.parsing import flatten
 from studies.record import TrainingRecord
 
 

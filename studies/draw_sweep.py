@@ -12,10 +12,11 @@ from pathlib import Path
 
 import yaml
 
-from shaftpose import tracking
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_csv
 from shaftpose.figures.style import save_figure
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.sweeps import sweep_runs
 from studies.sweep_figure import sweep_figure
 from studies.sweep_jobs import SweepJob, swept_parameters
 
@@ -53,8 +54,8 @@ def read_jobs(sweep: Path) -> tuple[list[SweepJob], int]:
 
     Raises InputError if there is nothing to compare.
     """
-    tracking.connect(**yaml.safe_load(Path("params.yaml").read_text())["tracking"])
-    runs = tracking.sweep_runs(sweep)
+    connect(**yaml.safe_load(Path("params.yaml").read_text())["tracking"])
+    runs = sweep_runs(sweep)
     jobs = [SweepJob(run.parameters, run.metrics, run.steps) for run in runs if run.finished]
     if not swept_parameters(jobs):
         raise InputError(

@@ -5,9 +5,9 @@ from typing import Any
 
 from shaftpose.figures.binned_errors_figure import FEWEST
 from shaftpose.figures.markdown import pipe_table
-from shaftpose.nested import flatten
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.report import blocks
+from shaftpose.settings.parsing import flatten
 from studies.record import TrainingRecord
 from studies.sweep_jobs import NO_VALUE
 from studies.table import scale_tables

@@ -62,13 +62,13 @@ def store(tmp_path: Path, database: Path, monkeypatch: pytest.MonkeyPatch) -> It
     """A working directory that holds only its own MLflow database."""
     import mlflow
 
-    from shaftpose import tracking
+    from shaftpose.tracking.connection import connect
 
     shutil.copy(database, tmp_path / "mlflow.db")
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     previous = mlflow.get_tracking_uri()
-    tracking.connect(None, "trials")
+    connect(None, "trials")
     yield tmp_path
     mlflow.set_tracking_uri(previous)
 

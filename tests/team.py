@@ -12,7 +12,9 @@ from pathlib import Path
 import mlflow
 import numpy as np
 
-from shaftpose import tracking
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.models import log_model, register_champion, registered_model
+from shaftpose.tracking.trainings import log_results, training_run
 from tests.servers import BIN, free_port, server
 
 
@@ -34,17 +36,17 @@ def work(uri: str, model: Path, folder: Path) -> None:
     for machine in (first, second):
         machine.mkdir()
     os.chdir(first)
-    tracking.connect(uri, "trials")
-    with tracking.training_run("id-1", "d", {"alpha": 1.5}, {"data/render": "aa"}, first):
+    connect(uri, "trials")
+    with training_run("id-1", "d", {"alpha": 1.5}, {"data/render": "aa"}, "data/render", first):
         mlflow.log_metric("training/loss", 3.0)
-    tracking.log_results("id-1", "d", {"mAP": 0.5}, {})
-    tracking.log_model("id-1", "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
-    tracking.register_champion("id-1", "d", "the rule")
+    log_results("id-1", "d", {"mAP": 0.5}, {})
+    log_model("id-1", "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
+    register_champion("id-1", "d", "the rule")
     os.chdir(second)
     os.environ["MLFLOW_TRACKING_URI"] = uri
     (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
     assert run.data.metrics["mAP"] == 0.5 and run.data.params["alpha"] == "1.5"
-    with tracking.registered_model("shaftpose@champion") as path:
+    with registered_model("shaftpose@champion") as path:
         assert path.stat().st_size > 0
     assert not list(first.rglob("*.onnx"))
     assert list((folder / "artifacts").rglob("model.onnx"))

@@ -26,6 +26,7 @@ FOLDERS = {
     "refinement": (),
     "network": ("dataset", "refinement"),
     "training": ("dataset", "network", "metrics"),
+    "tracking": (),
     "inference": ("refinement", "figures", "tracking"),
     "evaluation": ("dataset", "metrics", "figures", "refinement", "inference"),
     "export": ("dataset", "network", "metrics", "refinement", "inference"),
@@ -34,19 +35,16 @@ FOLDERS = {
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.
-GROUND = {
-    "__init__", "stage_files", "nested", "origin", "source_code"
-}  # fmt: skip
-ABOVE = {"tracking", "sweep"}
+GROUND = {"__init__", "stage_files", "origin", "source_code"}
 # Tool -> path prefixes of the files that may import it.
 OWNERS = {
     "bpy": ("src/shaftpose/rendering/",),
     "distributed": ("src/shaftpose/farm/",),
     "dask_jobqueue": ("src/shaftpose/farm/cluster.py",),
-    "mlflow": ("src/shaftpose/tracking.py",),
+    "mlflow": ("src/shaftpose/tracking/",),
     "hydra": (
         "src/shaftpose/settings/",
-        "src/shaftpose/sweep.py",
+        "src/shaftpose/tracking/sweep_callback.py",
         "src/shaftpose/network/building.py",
     ),
     "rerun": ("src/shaftpose/inference/rerun_file.py",),
@@ -75,19 +73,19 @@ def relative(path: Path) -> str:
 def test_every_file_of_the_package_has_its_place() -> None:
     folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
     assert folders == FOLDERS.keys()
-    assert {path.stem for path in PACKAGE.glob("*.py")} == GROUND | ABOVE
+    assert {path.stem for path in PACKAGE.glob("*.py")} == GROUND
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_folders_import_in_one_direction(folder: str) -> None:
     allowed = {folder, *FOLDERS[folder], *EVERYWHERE}
-    forbidden = [f"shaftpose.{name}" for name in (FOLDERS.keys() | ABOVE) - allowed]
+    forbidden = [f"shaftpose.{name}" for name in FOLDERS.keys() - allowed]
     found = {relative(p): within(imports(p), *forbidden) for p in source_files(PACKAGE / folder)}
     assert {path: modules for path, modules in found.items() if modules} == {}
 
 
 def test_the_declared_order_has_no_circle() -> None:
-    seen = {"tracking"}  # a file, which imports no folder
+    seen = set[str]()
     for folder, below in FOLDERS.items():
         assert set(below) <= seen, f"{folder} is declared before a folder it imports from"
         seen.add(folder)
@@ -99,7 +97,7 @@ def imports_of(folder: str) -> set[str]:
 
 
 def test_the_ground_stands_on_nothing_else() -> None:
-    above = [f"shaftpose.{name}" for name in (FOLDERS.keys() | ABOVE) - {"core"}]
+    above = [f"shaftpose.{name}" for name in FOLDERS.keys() - {"core"}]
     assert not {n: w for n in GROUND if (w := within(imports(PACKAGE / f"{n}.py"), *above))}
 
 
@@ -122,8 +120,7 @@ def test_paths_are_not_edited_and_imports_stand_first() -> None:
     folders = [ROOT / name for name in ("src", "pipelines", "studies", "benchmarks", "tests")]
     wrong = re.compile(r"sys\.path(\.insert|\[|\.append)|noqa: E" + "402")
     found = [relative(p) for p in source_files(*folders) if wrong.search(p.read_text())]
-    # MLflow reads an environment variable on import.
-    assert found == ["src/shaftpose/tracking.py"]
+    assert found == []
 
 
 def test_nobody_in_the_package_imports_pipelines_or_studies() -> None:

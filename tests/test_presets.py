@@ -7,8 +7,8 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
-from shaftpose.nested import flatten
 from shaftpose.settings.compose import composed, composed_settings
+from shaftpose.settings.parsing import flatten
 
 ROOT = Path(__file__).parents[1]
 PRESETS = {path.stem: path for path in (ROOT / "conf/preset").glob("*.yaml")}

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose import tracking
 from shaftpose.core.images import centre_square, read_rgb
 from shaftpose.inference.bundled import DEFAULT, bundled_model
 from shaftpose.inference.predictor import Predictor
+from shaftpose.tracking.models import log_model, register_champion
 from tests.servers import BIN, free_port, server
 
 ROOT = Path(__file__).parents[1]
@@ -25,8 +25,8 @@ def test_mlflows_server_answers_as_the_model_does(
     store: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     image = centre_square(read_rgb(FRAME), 299)[None]
-    tracking.log_model("id-1", "e", bundled_model(DEFAULT), image)
-    tracking.register_champion("id-1", "e", "the rule")
+    log_model("id-1", "e", bundled_model(DEFAULT), image)
+    register_champion("id-1", "e", "the rule")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{store / 'mlflow.db'}")
     # The server starts a second process by the name `python`.
     monkeypatch.setenv("PATH", f"{BIN}{os.pathsep}{os.environ['PATH']}")

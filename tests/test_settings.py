@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from shaftpose.core.errors import InputError
-from shaftpose.settings.parsing import parse, to_json
+from shaftpose.settings.parsing import flatten, parse, to_json
 from shaftpose.settings.schema import (
     Augmentation,
     CadSettings,
@@ -278,3 +278,8 @@ def test_render_settings_survive_json(tmp_path: Path) -> None:
 def test_a_part_that_is_no_mapping_is_named(values: Any) -> None:
     # `loss:` without anything below it is None in YAML.
     assert "params.yaml: part" in complaint(LossSettings, values)
+
+
+def test_nested_values_become_flat_and_sequences_stay_whole() -> None:
+    nested = {"loss": {"alpha": 1.5, "beta": [1, 2]}, "seed": 7}
+    assert flatten(nested) == {"loss.alpha": 1.5, "loss.beta": [1, 2], "seed": 7}

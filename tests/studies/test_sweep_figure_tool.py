@@ -6,8 +6,9 @@ from pathlib import Path
 import mlflow
 import pytest
 
-from shaftpose import tracking
 from shaftpose.core.errors import InputError
+from shaftpose.tracking.sweeps import start_sweep
+from shaftpose.tracking.trainings import training_run
 from studies import draw_sweep as sweep_figure
 from studies import write_results_page as results_page
 
@@ -21,13 +22,13 @@ NOTHING_RIGHT = {"validation/mAP": 0.0}
 def sweep(store: Path) -> Path:
     """The folder of a sweep without trainings."""
     (store / "params.yaml").write_text("tracking: {uri: null, experiment: trials}\n")
-    tracking.start_sweep(store / "sweeps/today", "sweep")
+    start_sweep(store / "sweeps/today", "sweep")
     return store / "sweeps/today"
 
 
 def train(sweep: Path, parameters: dict[str, str], metrics: dict[str, float]) -> None:
     """A job of the sweep that ends with these metrics."""
-    with tracking.training_run(parameters["variant.name"], "d", parameters, {}, sweep):
+    with training_run(parameters["variant.name"], "d", parameters, {}, "", sweep):
         mlflow.log_metrics(metrics, step=5)
 
 
@@ -40,7 +41,7 @@ def test_finished_trainings_are_drawn_and_others_counted(
     ):
         scale = {"loss.alpha": "1.5", "size.width": "0.25", "size.depth": "0.5"}
         train(sweep, {"variant.name": name, **scale, **more}, metrics)
-    with pytest.raises(RuntimeError), tracking.training_run("dies", "c", {}, {}, sweep):
+    with pytest.raises(RuntimeError), training_run("dies", "c", {}, {}, "", sweep):
         mlflow.log_metrics(FOUND, step=2)
         raise RuntimeError
     monkeypatch.setattr(sys, "argv", ["sweep_figure.py", str(sweep), "--name", "heads"])

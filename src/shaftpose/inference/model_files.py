@@ -22,12 +22,12 @@ def model_file(name: str | None) -> Iterator[Path]:
         yield bundled_model(name or DEFAULT)
     elif name.startswith(REGISTRY):
         try:
-            from shaftpose import tracking
+            from shaftpose.tracking.models import registered_model
         except ImportError as error:
             raise InputError(
                 f"{name}: needs MLflow: in a clone, pip install '.[pipeline]'"
             ) from error
-        with tracking.registered_model(name.removeprefix(REGISTRY)) as path:
+        with registered_model(name.removeprefix(REGISTRY)) as path:
             yield path
     else:
         yield Path(name)

@@ -55,6 +55,17 @@ def to_json(settings: object) -> str:
     return TypeAdapter(type(settings)).dump_json(settings, indent=1).decode()
 
 
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """{"loss": {"alpha": 1}} -> {"loss.alpha": 1}; sequences stay whole."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
 def as_plain(settings: object) -> dict[str, Any]:
     """A settings object as numbers, strings, lists and dictionaries."""
     plain: dict[str, Any] = TypeAdapter(type(settings)).dump_python(settings, mode="json")

@@ -439,7 +439,7 @@ class ReportSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class TrackingSettings:
-    """Where MLflow keeps its records: see `shaftpose.tracking.connect`."""
+    """Where MLflow keeps its records: see `shaftpose.tracking.connection`."""
 
     uri: str | None
     experiment: Annotated[str, Field(min_length=1)]

@@ -1,0 +1,100 @@
+"""Trainings of a sweep, nested in its run."""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import mlflow
+import pytest
+
+from shaftpose.core.errors import InputError
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.sweeps import start_sweep, sweep_runs
+from shaftpose.tracking.trainings import log_results, training_run
+
+
+def training(
+    name: str, parameters: Mapping[str, Any], folder: Path
+) -> AbstractContextManager[object]:
+    return training_run(name, "d", parameters, {}, "data/render", folder)
+
+
+def test_runs_of_a_sweep_are_nested(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    start_sweep(folder, "sweep today")
+    for number in range(2):
+        with training(f"id-{number}", {}, folder):
+            pass
+    runs = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    parents = [run for run in runs if "shaftpose.sweep" in run.data.tags]
+    children = [run for run in runs if "mlflow.parentRunId" in run.data.tags]
+    assert len(parents) == 1
+    assert len(children) == 2
+    assert {c.data.tags["mlflow.parentRunId"] for c in children} == {parents[0].info.run_id}
+
+
+def test_a_sweep_that_goes_on_keeps_its_parent_run(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    for name in ("id-1", "id-2", "id-2"):  # the second one was interrupted
+        start_sweep(folder, "sweep today")
+        with training(name, {"job": name}, folder):
+            pass
+    assert len(sweep_runs(folder)) == 2
+    assert len(mlflow.search_runs(experiment_names=["trials"], output_format="list")) == 3
+
+
+def test_a_sweep_gets_a_parent_run_where_the_database_lacks_it(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    start_sweep(folder, "sweep today")
+    connect(f"sqlite:///{store / 'other.db'}", "trials")
+    start_sweep(folder, "sweep today")
+    with training("id-1", {}, folder):
+        pass
+    assert len(sweep_runs(folder)) == 1
+
+
+def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
+    folder = store / "sweeps" / "today"
+    start_sweep(folder, "sweep today")
+    with training("elsewhere", {"seed": 1}, store):
+        pass
+    for number, alpha in enumerate((0.5, 1.5)):
+        parameters = {"loss": {"alpha": alpha}}
+        with training(f"id-{number}", parameters, folder):
+            mlflow.log_metrics({"validation/mAP": 0.9, "training/box": 2.0}, step=2)
+            mlflow.log_metrics({"validation/mAP": alpha / 10}, step=3)
+    runs = sweep_runs(folder)
+    assert [run.parameters for run in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
+    assert [run.metrics["validation/mAP"] for run in runs] == pytest.approx([0.05, 0.15])
+
+
+def test_of_trainings_with_the_same_parameters_the_last_one_counts(store: Path) -> None:
+    start_sweep(store, "sweep")
+    for number, value in enumerate((0.25, 0.5)):  # in between, the code was changed
+        with training(f"id-{number}", {"alpha": 0.5}, store):
+            mlflow.log_metrics({"validation/mAP": value}, step=2)
+    assert [run.metrics for run in sweep_runs(store)] == [{"validation/mAP": 0.5}]
+
+
+def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> None:
+    start_sweep(store, "sweep")
+    with training("id-1", {}, store):
+        mlflow.log_metrics({"validation/mAP": 0.5, "validation/tip_mm": 4.0}, step=2)
+        mlflow.log_metrics({"validation/mAP": 0.0}, step=3)  # no correct detection any more
+    log_results("id-1", "d", {"tip_mm": 3.0}, {})  # of the test images
+    assert [run.metrics for run in sweep_runs(store)] == [{"validation/mAP": 0.0}]
+
+
+def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
+    start_sweep(store, "sweep")
+    with pytest.raises(RuntimeError), training("id-1", {"a": 1}, store):
+        raise RuntimeError
+    with training("id-2", {"a": 2}, store):
+        assert [run.finished for run in sweep_runs(store)] == [False, False]
+    assert [run.finished for run in sweep_runs(store)] == [False, True]
+
+
+def test_a_folder_without_a_sweep_is_named(store: Path) -> None:
+    with pytest.raises(InputError, match=r"mlflow_parent\.txt: missing"):
+        sweep_runs(store)

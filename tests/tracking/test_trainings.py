@@ -1,0 +1,34 @@
+"""The MLflow run of a training."""
+
+from pathlib import Path
+
+import mlflow
+
+from shaftpose.tracking.trainings import log_results, training_run
+
+
+def test_results_find_the_run_of_their_training(store: Path) -> None:
+    with training_run(
+        "id-1", "d", {"loss": {"alpha": 2}}, {"data/render": "aa"}, "data/render", store
+    ):
+        mlflow.log_metric("training/loss", 3.0)
+    picture = store / "picture.txt"
+    picture.write_text("x")
+    log_results("id-1", "d", {"mAP": 0.5, "fps": None}, {"picture": picture})
+    (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    assert run.data.metrics["mAP"] == 0.5
+    assert "fps" not in run.data.metrics
+    assert run.data.params["loss.alpha"] == "2"
+    assert run.data.tags["dataset.data/render"] == "aa"
+    assert run.inputs.dataset_inputs[0].dataset.digest == "aa"
+    assert (store / "mlflow.db").is_file()
+    assert list((store / "mlruns").rglob("picture.txt"))
+
+
+def test_results_without_a_run_get_one(store: Path) -> None:
+    # As after `dvc pull` on another machine: the models exist, the database does not.
+    log_results("id-2", "c", {"mAP": 0.25}, {})
+    log_results("id-2", "c", {"iou": 0.5}, {})
+    (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    assert run.info.run_name == "c"
+    assert {"mAP", "iou"} <= run.data.metrics.keys()
