@@ -92,7 +92,7 @@ def test_the_code_of_a_variants_own_network_is_hashed_and_no_other() -> None:
         "inception_v4.py",
         "average_precision.py",
     } <= d
-    assert not d & {"cluster.py", "report.py", "tracking.py", "stage.py", "files.py"}
+    assert not d & {"cluster.py", "report.py", "trainings.py", "stage.py", "files.py"}
 
 
 @pytest.mark.parametrize(
