@@ -7,7 +7,7 @@ from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split_lists import read_keys
 from shaftpose.evaluation.model_results import ModelResults, evaluation, flat, read_curves
-from shaftpose.inference.predictor import network_and_fit
+from shaftpose.inference.predictor import raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
@@ -22,7 +22,7 @@ def main(settings: Settings) -> None:
     name, model, detection = settings.variant.name, settings.model_folder, settings.detection
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
     keys = read_keys(Path("data/split"), "test")
-    predictors = network_and_fit(model / "model.onnx", detection.refine)
+    predictors = raw_and_refined_predictors(model / "model.onnx", detection.refine)
     found = [
         ModelResults(one, images, keys, confidence_threshold(detection.confidence_threshold, one))
         for one in predictors

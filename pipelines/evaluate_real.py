@@ -5,7 +5,7 @@ from dataclasses import asdict
 from shaftpose.core.files import write_json
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 from shaftpose.evaluation.silhouettes import compare_silhouettes
-from shaftpose.inference.predictor import network_and_fit
+from shaftpose.inference.predictor import raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.silhouette import SilhouetteRenderer
@@ -20,7 +20,9 @@ from shaftpose.tracking.trainings import log_results
 def main(settings: Settings) -> None:
     """Write `silhouette.json` and pictures to `out`, and the scores also to `results`."""
     render = SilhouetteRenderer(settings.rendering)
-    predictors = network_and_fit(settings.model_folder / "model.onnx", settings.detection.refine)
+    predictors = raw_and_refined_predictors(
+        settings.model_folder / "model.onnx", settings.detection.refine
+    )
     stated = settings.detection.confidence_threshold
     confidences = [confidence_threshold(stated, one) for one in predictors]
     sets = silhouette_sets(middle_camera(settings.rendering), read_domain())

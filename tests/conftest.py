@@ -10,7 +10,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from shaftpose.refinement.outline_strips import COLUMNS, ROWS
+from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 if TYPE_CHECKING:
     from shaftpose.network.ssd.pose_bins import BinCoder

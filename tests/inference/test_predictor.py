@@ -10,7 +10,7 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_facts
 from shaftpose.inference.model_facts import ModelFacts
-from shaftpose.inference.predictor import Predictor, network_and_fit
+from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from tests.conftest import BOXES, constant_edge_reader, write_constant_model
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
@@ -108,19 +108,22 @@ def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
     assert len(found) == 2
     assert np.all(np.abs(found[1].poses[0] - POSES[0]) < [0.05, 0.05, 0.3, 0.8, 0.3])
     assert np.all(found[1].boxes[0] > 100)
-    alone, fitting = network_and_fit(masked_model, "mask")
+    alone, fitting = raw_and_refined_predictors(masked_model, "mask")
     assert (alone.refiner, fitting.refiner is None) == (None, False)
     (own,) = alone(np.zeros((1, 299, 299, 3), dtype=np.uint8))
     assert own.boxes.tolist() == [[1, 2, 3, 4]]
 
 
 def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
-    alone, fitting = network_and_fit(masked_model, "mask")
+    alone, fitting = raw_and_refined_predictors(masked_model, "mask")
     assert alone.confidence == 0.5
     with pytest.raises(InputError, match=r"masked\.onnx: holds no confidence threshold"):
         _ = fitting.confidence
     store_facts(masked_model, replace(FLAT_ROD, fit_confidence=0.25))
-    assert [one.confidence for one in network_and_fit(masked_model, "mask")] == [0.5, 0.25]
+    assert [one.confidence for one in raw_and_refined_predictors(masked_model, "mask")] == [
+        0.5,
+        0.25,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -133,7 +136,7 @@ def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
 def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelFacts, masked_model: Path) -> None:
     store_facts(masked_model, facts)
     assert Predictor(masked_model).facts == facts
-    assert len(network_and_fit(masked_model, "edges")) == 1
+    assert len(raw_and_refined_predictors(masked_model, "edges")) == 1
 
 
 def test_a_model_without_an_edge_reader_is_fitted_to_its_mask_alone(masked_model: Path) -> None:

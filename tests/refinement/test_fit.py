@@ -1,9 +1,12 @@
+"""The fit, and its parameters."""
+
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 import pytest
 
+from shaftpose.core.geometry import axis_direction
 from shaftpose.refinement.contour import Array, Contour
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import (
@@ -11,8 +14,11 @@ from shaftpose.refinement.fit import (
     Fit,
     Search,
     Stage,
+    derivatives,
     fit_pose,
-    in_deviations,
+    moved,
+    parameters,
+    whitened,
 )
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
@@ -94,9 +100,9 @@ def test_covariance_is_that_of_repeated_fits(shared_px: float) -> None:
     assert np.allclose(np.mean(scaled, axis=0), 0, atol=0.1)
 
 
-def test_errors_in_deviations_are_independent() -> None:
+def test_whitened_errors_are_independent() -> None:
     information, parts = np.array([0.0, 1.0, 4.0, 25.0, 0.5]), np.array([0, 0, 0, 1, 1])
-    whitening = in_deviations(np.eye(5), information, parts, 0.3)[1:, 1:]
+    whitening = whitened(np.eye(5), information, parts, 0.3)[1:, 1:]
     shared = 0.3**2 * (parts[1:, None] == parts[1:])
     covariance = np.diag(1 / information[1:]) + shared
     np.testing.assert_allclose(whitening @ covariance @ whitening.T, np.eye(4), atol=1e-12)
@@ -111,14 +117,14 @@ def test_what_edges_leave_open_stays_at_the_start() -> None:
 
 
 def test_without_edges_there_is_no_fit() -> None:
-    start, held = POSES[0], np.diag(LOOSE**-2)
+    start, prior_information = POSES[0], np.diag(LOOSE**-2)
     for mask in (np.zeros((299, 299), np.float32), np.ones((299, 299), np.float32)):
         search = partial(mask_offsets, mask)
-        assert fit_pose(start, SHAFT, CAMERA, search, STAGES, EXACT, held) is None
+        assert fit_pose(start, SHAFT, CAMERA, search, STAGES, EXACT, prior_information) is None
     search = partial(mask_offsets, soft_mask(start))
     for nowhere in ([0.0, 0.0, -5.0, 70.0, 0.0], [60.0, 0.0, 20.0, 70.0, 0.0]):
         pose = np.array(nowhere)
-        assert fit_pose(pose, SHAFT, CAMERA, search, STAGES, EXACT, held) is None
+        assert fit_pose(pose, SHAFT, CAMERA, search, STAGES, EXACT, prior_information) is None
 
 
 def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:
@@ -138,3 +144,36 @@ def test_pixels_of_another_size_change_no_covariance() -> None:
     finer = CAMERA.enlarged(3)
     same = Fit(POSES[0], fit.information_in(finer), finer)
     np.testing.assert_allclose(same.covariance(), fit.covariance(), rtol=1e-9)
+
+
+def test_parameters_of_a_pose() -> None:
+    focal_px = 149.5 / np.tan(np.radians(47.5))  # 299 px show 95 deg
+    found = parameters(np.array([4.0, -2.0, 20.0, 70.0, 30.0]), CAMERA)
+    expected = [149.5 + focal_px / 5, 149.5 - focal_px / 10, np.log(20), 70, 30]
+    assert found == pytest.approx(expected)
+
+
+def test_no_step_leaves_a_pose_as_it_is() -> None:
+    for pose in POSES:
+        assert moved(pose, np.zeros(5), CAMERA) == pytest.approx(pose)
+
+
+def test_derivatives_are_those_of_small_steps() -> None:
+    for pose in POSES:
+        steps = 1e-5 * np.eye(5)
+        differences = [(moved(pose, s, CAMERA) - moved(pose, -s, CAMERA)) / 2e-5 for s in steps]
+        np.testing.assert_allclose(derivatives(pose, CAMERA), np.transpose(differences), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "step_deg", "pitch_after", "yaw_after"),
+    [(3.0, -10.0, 7.0, 190.0), (175.0, 10.0, 175.0, 190.0), (90.0, 5.0, 95.0, 10.0)],
+)
+def test_past_the_line_of_sight_the_axis_turns_round(
+    pitch_deg: float, step_deg: float, pitch_after: float, yaw_after: float
+) -> None:
+    pose = np.array([1.0, 2.0, 20.0, pitch_deg, 10.0])
+    after = moved(pose, np.array([0.0, 0.0, 0.0, step_deg, 0.0]), CAMERA)
+    assert after[3:] == pytest.approx([pitch_after, yaw_after])
+    # The angles, in their ranges, mean the axis that a plain sum gives.
+    assert axis_direction(*after[3:]) == pytest.approx(axis_direction(pitch_deg + step_deg, 10.0))

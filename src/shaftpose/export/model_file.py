@@ -12,14 +12,14 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split_lists import read_keys
 from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_facts
 from shaftpose.export.parity import Parity, check_parity, edge_difference, mask_difference
+from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_facts import ModelFacts
-from shaftpose.inference.predictor import Predictor, network_and_fit
+from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.detection.average_precision import precision_recall
 from shaftpose.metrics.detection.operating_point import best_confidence
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import IMAGE_SIDE_PX, MaskNetwork, PoseNetwork
-from shaftpose.refinement.learned_edges import LearnedEdges
 from shaftpose.settings.schema import DetectionSettings, RenderSettings
 
 
@@ -49,7 +49,7 @@ def export_model(
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
     facts = _facts(rendering, stored)
     store_facts(path, facts)
-    alone, *fitting = network_and_fit(path, "mask" if stored is None else "edges")
+    alone, *fitting = raw_and_refined_predictors(path, "mask" if stored is None else "edges")
     facts = replace(facts, confidence=validated_confidence(alone))
     for fit in fitting:
         facts = replace(facts, fit_confidence=validated_confidence(fit))

@@ -13,11 +13,11 @@ from onnxscript import opset20
 from torch import nn
 
 from shaftpose.core.files import new_file
+from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
 from shaftpose.inference.model_facts import ModelFacts
 from shaftpose.network import nms  # registers its operator
 from shaftpose.network.detector import ShaftDetector
-from shaftpose.refinement.learned_edges import OUTPUTS, STRIPS
-from shaftpose.refinement.outline_strips import COLUMNS, ROWS
+from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 OPSET = 20
 # `opset20` accepts Python numbers and lists, but its type hints refuse them.

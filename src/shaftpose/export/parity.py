@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from torch import nn
 
 from shaftpose.core.instruments import Detections, unpadded
+from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.pairing import nearest_pairs
 from shaftpose.inference.predictor import Predictor
 from shaftpose.metrics.detection.boxes import box_iou
 from shaftpose.network.detector import ShaftDetector
-from shaftpose.refinement.learned_edges import LearnedEdges
-from shaftpose.refinement.outline_strips import COLUMNS, ROWS
+from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 # Far below relevant differences, far above float32 rounding.
 SCORE_TOLERANCE, BOX_TOLERANCE_PX, POSE_TOLERANCE = 0.01, 0.5, 0.01

@@ -14,7 +14,7 @@ class ModelFacts:
     mask's support as well; None if poses cannot be fitted. The shaft's facts are None for an
     instrument from a CAD file. distorted: whether the camera had lens distortion. The default view
     angle is the paper's. edge_reader: a second ONNX model in bytes, see
-    `refinement.learned_edges`; None for a network without one.
+    `inference.learned_edges`; None for a network without one.
     """
 
     confidence: float | None = None

@@ -12,9 +12,9 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.bundled import bundled_names
+from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_facts import ModelFacts
 from shaftpose.refinement.contour import Shaft
-from shaftpose.refinement.learned_edges import LearnedEdges
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.settings.choices import Backend, Refinement
 
@@ -47,7 +47,7 @@ class Predictor:
         except ValueError as error:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
         # None for a model without a mask, an instrument of unknown diameter or a distorting lens.
-        self.refiner = self._made(refine) if _MASK in names else None
+        self.refiner = self._create_refiner(refine) if _MASK in names else None
 
     @property
     def side_px(self) -> int:
@@ -114,7 +114,7 @@ class Predictor:
             except InputError as error:
                 raise InputError(f"{self._path}: image {number} of a batch: {error}") from error
 
-    def _made(self, refine: Refinement) -> Refiner | None:
+    def _create_refiner(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
         if diameter_mm is None or length_mm is None or self.facts.distorted or refine == "none":
             return None
@@ -146,7 +146,7 @@ class Predictor:
         return float(1 / np.median(seconds[3:]))
 
 
-def network_and_fit(path: Path, refine: Refinement) -> list[Predictor]:
+def raw_and_refined_predictors(path: Path, refine: Refinement) -> list[Predictor]:
     """The model's network alone and, if its poses can be fitted, the model with the fit."""
     fitting = Predictor(path, refine)
     return [Predictor(path, "none"), *([fitting] if fitting.refiner else [])]

@@ -11,7 +11,7 @@ from shaftpose.inference.found_shafts import Array, FoundShaft, axis_px, box_px
 from shaftpose.inference.frame_cameras import Views
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View
-from shaftpose.refinement.fitted_detections import FittedDetections
+from shaftpose.refinement.refiner import FittedDetections
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
 _STEP_PX = 0.01  # so near to the axis, no lens distorts

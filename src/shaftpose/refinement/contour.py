@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 LINE_SAMPLES, _ARC_SAMPLES = 40, 24  # the arc has fewer than a line
 _ALONG_LINE, _ALONG_ARC = np.linspace(0, 1, LINE_SAMPLES), np.linspace(-1, 1, _ARC_SAMPLES)
-_END_ON = 1e-6  # least px by which a line's image moves with each mm
+_END_ON = 1e-6  # px per mm: slower, the line points at the camera
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
 _MARGIN_PX = 1.0
 # Samples of the rim whose normal is turned from the axis by less than about 70 deg: next to the
@@ -24,8 +24,8 @@ _FACING = 0.35
 
 
 class Shaft(NamedTuple):
-    """What the contour depends on besides the pose. flat_tip: whether the tip is a flat disc; the
-    contour of other tips has only its lines."""
+    """The shape of a shaft. flat_tip: whether the tip is a flat disc; with other tips, the contour
+    consists of its lines alone."""
 
     diameter_mm: float
     length_mm: float = 150.0
@@ -35,9 +35,10 @@ class Shaft(NamedTuple):
 class Contour(NamedTuple):
     """Samples of a contour inside the image.
 
-    points: (N, 2) px; normals: (N, 2), unit vectors out of the silhouette; lengths: (N,) px of
-    contour that each stands for; motion: (N, 5), displacement along the normals in px for each mm
-    and deg of the pose; parts: (N,), 0 and 1 on the lines, from the tip outwards, 2 on the arc.
+    points: (N, 2) px. normals: (N, 2), unit vectors out of the silhouette. lengths: (N,) px of
+    contour that each sample stands for. motion: (N, 5), derivatives of the displacement along the
+    normals by the pose, px per mm and px per deg. parts: (N,), 0 and 1 on the lines, from the tip
+    outwards, 2 on the arc.
     """
 
     points: Array
@@ -53,9 +54,11 @@ _NO_CONTOUR = Contour(
 
 
 class _Part(NamedTuple):
-    """A part of a contour: points (N, 3) on the shaft in mm, directions (N, 3) out of the shaft,
-    tangents (N, 2) in the image, the lengths (N,) px that the points stand for, and which part of
-    a `Contour` it is, (N,)."""
+    """A part of a contour.
+
+    points: (N, 3) on the shaft, mm; outward: (N, 3), directions out of the shaft; tangents: (N, 2)
+    in the image; lengths: (N,) px that the points stand for; number: (N,), see `Contour.parts`.
+    """
 
     points: Array
     outward: Array
@@ -67,7 +70,7 @@ class _Part(NamedTuple):
 def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     """Sample the contour of a shaft with pose (5,) mm, deg as a pinhole camera sees it.
 
-    Empty if the camera is inside the endless cylinder or its tip is not in front of the camera.
+    Empty if the camera is inside the endless cylinder or the tip is not in front of the camera.
     """
     tip, axis, radius = pose[:3], axis_direction(pose[3], pose[4]), shaft.diameter_mm / 2
     across = tip - (tip @ axis) * axis
@@ -143,17 +146,17 @@ def _arc(
 
 
 def _by_point(points: Array, normals: Array, camera: Camera) -> Array:
-    """How far points (N, 3) move along their normals in the image, (N, 3) px for each mm."""
+    """Derivatives (N, 3) of image points along their normals by the points (N, 3), px per mm."""
     depth = points[:, 2:]
     slope = -(normals * points[:, :2]).sum(axis=1, keepdims=True) / depth
     return camera.focal_px / depth * np.concatenate([normals, slope], axis=1)
 
 
 def _motion(points: Array, by_point: Array, pose: Array) -> Array:
-    """How far points (N, 3) of a contour, of which `_by_point` is given, move along their normals
-    in the image, (N, 5) px for each mm and deg of the pose.
+    """Derivatives (N, 5) of a contour along its normals by the pose, px per mm and px per deg, from
+    those by its points (N, 3), see `_by_point`.
 
-    A contour moves across itself as the points of the rigid body that lie on it do.
+    A contour moves along its normals like the points of the rigid body that lie on it.
     """
     yaw = np.radians(pose[4])
     spins = [[np.sin(yaw), -np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]

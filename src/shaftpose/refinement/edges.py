@@ -1,4 +1,4 @@
-"""Where the edges of a mask lie along the normals of a contour."""
+"""Edges of a mask along the normals of a contour."""
 
 from typing import NamedTuple
 
@@ -12,17 +12,20 @@ _STEP_PX = 0.5  # between the samples of a profile
 
 
 class Offsets(NamedTuple):
-    """px: (N,) distance of the edge from the contour, positive outwards; weights: (N,), how much
-    each tells: the information from 1 px of outline, where 1 is that of a mask's clear edge."""
+    """Distances (N,) px of edges from a contour, positive outwards, and their weights (N,).
+
+    weights: information per pixel of outline; 1 for a clear edge of a mask.
+    """
 
     px: Array
     weights: Array
 
 
 def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
-    """Edges of a soft mask (H, W) in [0, 1], within `reach_px` of the contour.
+    """Find the edges of a soft mask (H, W) in [0, 1] within `reach_px` of the contour.
 
-    The integral over the profile of a step from 1 to 0 is where the step lies, without a threshold.
+    No threshold is needed: the integral of a profile that steps from 1 to 0 is the position of the
+    step.
     """
     steps = symmetric_steps(reach_px, _STEP_PX)
     read, inside = profiles(mask, contour, steps)
@@ -36,7 +39,8 @@ def mask_offsets(mask: NDArray[np.float32], contour: Contour, reach_px: float) -
 def mask_contrast(
     mask: NDArray[np.float32], contour: Contour, reach_px: float
 ) -> tuple[Array, Array]:
-    """How much a soft mask (H, W) falls from `reach_px` inside of a contour to as far outside, (N,)
-    in [0, 1], and the lengths (N,) px of the contour for which that lies in the mask, else 0."""
+    """Contrast (N,) in [0, 1] of a soft mask (H, W) across a contour, between `reach_px` inside and
+    `reach_px` outside, and lengths (N,) px of the contour's samples, 0 where these places lie
+    outside the mask."""
     ends, inside = profiles(mask, contour, np.array([-reach_px, reach_px]))
     return np.clip(ends[:, 0] - ends[:, 1], 0.0, 1.0).astype(float), contour.lengths * inside

@@ -1,4 +1,8 @@
-"""Fit of one pose to the edges of a mask and of an image."""
+"""Fit of one pose to the edges of a mask or of an image.
+
+A pose is fitted in five parameters: the tip in the image (px, px), the logarithm of its depth,
+pitch and yaw (deg). A network errs along the ray through the tip far more than across it.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -6,22 +10,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, signed_deg
+from shaftpose.core.geometry import Camera, signed_deg, unsigned_deg
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
-from shaftpose.refinement.fit_parameters import derivatives, moved, parameters
 
 _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])  # of the parameters
-_LEAST_PX = 10.0  # of clear and near edges
+_LEAST_PX = 10.0  # of clear outline
 
 Search = Callable[[Contour, float], Offsets]
 
 
 class EdgeErrors(NamedTuple):
-    """How edges err along the contour, besides each on its own, which their weights tell.
+    """Errors of edges in addition to the independent ones, which their weights state.
 
-    shared_px: standard deviation of the offset that all edges on one part of the contour (a line,
-    the arc) share; understated: the errors of fitted poses over those that result from both.
+    shared_px: standard deviation of an offset that all edges on one part of the contour (a line,
+    the arc) have in common. understated: ratio of the actual errors of fitted poses to the errors
+    that follow from the weights and `shared_px`.
     """
 
     shared_px: float = 0.0
@@ -29,9 +33,10 @@ class EdgeErrors(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """One iteration: how far from the contour edges are looked for, and how far from the tip.
+    """One iteration, which uses the edges within `reach_px` of the contour and `length_px` of the
+    tip.
 
-    Near the tip a wrong axis displaces the contour less.
+    Near the tip, a wrong axis displaces the contour less.
     """
 
     reach_px: float
@@ -39,8 +44,8 @@ class Stage(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted pose (5,) mm, deg, and the information (5, 5) about its parameters, of which the
-    first two are in pixels of the camera."""
+    """A fitted pose (5,) mm, deg, and the Fisher information (5, 5) about its parameters, the first
+    two in pixels of `camera`."""
 
     pose: Array
     information: Array
@@ -52,14 +57,15 @@ class Fit(NamedTuple):
         return spread @ np.linalg.inv(self.information) @ spread.T
 
     def information_in(self, camera: Camera) -> Array:
-        """The information about the parameters in pixels of another camera with the same view."""
+        """The information about the parameters for a camera with the same view and other pixels."""
         scale = np.diag([self.camera.focal_px / camera.focal_px] * 2 + [1.0] * 3)
         return np.asarray(scale @ self.information @ scale)
 
 
 class _Edges(NamedTuple):
-    """Edges along a contour: their offsets (N,), and how far the contour moves across itself with
-    each parameter (N, 5), both in such standard deviations that their errors are independent."""
+    """Whitened equations of the edges along a contour, whose errors are independent and have a
+    standard deviation of 1: their offsets (N,), and the derivatives of the contour's motion along
+    its normals by the parameters (N, 5)."""
 
     offsets: Array
     motion: Array
@@ -72,32 +78,35 @@ def fit_pose(
     search: Search,
     stages: Sequence[Stage],
     errors: EdgeErrors,
-    held: Array,
-    centre: Array | None = None,
+    prior_information: Array,
+    prior_pose: Array | None = None,
 ) -> Fit | None:
-    """The pose whose contour lies on the edges that `search` finds in each stage in turn; None if
-    the last stage finds too few.
+    """Fit a pose (5,) to the edges that `search` finds, one Gauss-Newton step in each stage; None
+    if the last stage finds too few edges.
 
-    Gauss-Newton on the offsets along the contour's normals, each weighted by how clear the edge is
-    and how near, which err as `errors` says. `held` (5, 5), the information about the parameters of
-    `centre`, by default the start, holds what edges leave open.
+    The step minimizes the offsets of the edges along the contour's normals, weighted by their
+    information and by `errors`. prior_information: (5, 5), about the parameters of `prior_pose`, by
+    default the start; it determines what the edges leave open.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
         return None
-    pose, promised, edges = start, np.zeros_like(held), None
-    centre = start if centre is None else centre
+    pose, edge_information, edges = start, np.zeros_like(prior_information), None
+    prior_pose = start if prior_pose is None else prior_pose
     for stage in stages:
         edges = _edges(pose, shaft, camera, search, stage, errors.shared_px)
         if edges is None:  # perhaps behind an occluder: further from the tip there may be more
             continue
-        promised = edges.motion.T @ edges.motion
-        away = parameters(centre, camera) - parameters(pose, camera)
-        away[4] = signed_deg(away[4])
-        step = np.linalg.solve(promised + held, edges.motion.T @ edges.offsets + held @ away)
+        edge_information = edges.motion.T @ edges.motion
+        to_prior = parameters(prior_pose, camera) - parameters(pose, camera)
+        to_prior[4] = signed_deg(to_prior[4])
+        step = np.linalg.solve(
+            edge_information + prior_information,
+            edges.motion.T @ edges.offsets + prior_information @ to_prior,
+        )
         pose = moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
     if edges is None:
         return None
-    return Fit(pose, promised / errors.understated**2 + held, camera)
+    return Fit(pose, edge_information / errors.understated**2 + prior_information, camera)
 
 
 def _edges(
@@ -114,15 +123,13 @@ def _edges(
         return None
     motion = contour.motion @ derivatives(pose, camera)
     both = np.column_stack([offsets.px, motion])
-    both = in_deviations(both, information, contour.parts, shared_px)
+    both = whitened(both, information, contour.parts, shared_px)
     return _Edges(both[:, 0], both[:, 1:])
 
 
-def in_deviations(
-    values: Array, information: Array, parts: NDArray[np.intp], shared_px: float
-) -> Array:
-    """Values (N, K) px, a row for each sample, in such standard deviations that errors of the
-    samples, which have the covariance C, become independent.
+def whitened(values: Array, information: Array, parts: NDArray[np.intp], shared_px: float) -> Array:
+    """Whiten values (N, K) px, a row for each sample: multiply them by a root of the inverse of
+    the covariance C of the samples' errors.
 
     On each part, C = diag(1 / information) + shared_px^2. With u (N,), the roots of the
     information, the result is (I - k u u^T) diag(u) values, where
@@ -136,3 +143,26 @@ def in_deviations(
         k = (1 - 1 / np.sqrt(1 + shared_px**2 * (u @ u))) / (u @ u)
         scaled[of_part] -= k * np.outer(u, u @ scaled[of_part])
     return np.asarray(scaled)
+
+
+def parameters(pose: Array, camera: Camera) -> Array:
+    """The parameters (5,) of a pose (5,) mm, deg."""
+    return np.array([*camera.project(pose[:3]), np.log(pose[2]), *pose[3:]])
+
+
+def derivatives(pose: Array, camera: Camera) -> Array:
+    """Derivatives (5, 5) of a pose by its parameters."""
+    spread = np.eye(5)
+    spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
+    spread[:3, 2] = pose[:3]
+    return spread
+
+
+def moved(pose: Array, step: Array, camera: Camera) -> Array:
+    """The pose after a step (5,) of the parameters, with its pitch in [0, 180] deg."""
+    u, v, log_depth, pitch, yaw = parameters(pose, camera) + step
+    if not 0 <= pitch <= 180:  # the axis has passed the line of sight
+        pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
+    depth = np.exp(log_depth)
+    x, y = camera.lift(np.array([u, v]), depth)
+    return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

@@ -1,6 +1,7 @@
-"""Refinement of all detections of an image by a fit to its mask and its edges."""
+"""Refinement of all detections in an image by fits to its mask and its edges."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -10,11 +11,10 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.refinement.contour_sampling import scaled
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import EdgeErrors, Fit, Stage, fit_pose
-from shaftpose.refinement.fitted_detections import FittedDetections
-from shaftpose.refinement.mask_starts import unexplained_starts
-from shaftpose.refinement.outline_strips import scaled
+from shaftpose.refinement.initial_poses import initial_poses_from_mask
 from shaftpose.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
@@ -23,20 +23,27 @@ _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
 _READER_ERRORS = EdgeErrors(understated=12.0)
-# Standard deviations of the parameters of a network's poses: see
-# `shaftpose.refinement.fit`.
+# Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
-# Of a detection that explains the mask where it lies: its score at least; and the score of a tip
-# that only the mask shows (docs/beyond.md).
+# Least score of a detection that explains the mask where it lies, and the score of a shaft that
+# only the mask shows (docs/beyond.md).
 _EXPLAINS, _MASK_ALONE = 0.3, 0.2
 
-# Finds edges in an image (H, W, 3) in [-1, 1], near a contour, within so many px: `LearnedEdges`.
+# Finds edges in an image (H, W, 3) in [-1, 1] within some px of a contour.
 FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
 
 
+@dataclass(frozen=True)
+class FittedDetections(Detections):
+    """Detections with standard deviations (K, 5) of their poses, mm and deg; NaN where the fit
+    failed and the pose is the network's."""
+
+    deviations: NDArray[np.float64]
+
+
 class Refiner:
-    """Fits the poses of one kind of shaft, seen by a pinhole camera, to the mask and, if `edges` is
+    """Fits poses of one kind of shaft, seen by a pinhole camera, to the mask and, if `edges` is
     given, to the edges of the image."""
 
     def __init__(self, shaft: Shaft, camera: Camera, edges: FindEdges | None) -> None:
@@ -49,21 +56,21 @@ class Refiner:
         found: Detections,
         fine: NDArray[np.uint8] | None = None,
     ) -> FittedDetections:
-        """Detections with fitted poses and the extents of their contours in the image as boxes,
-        scored by the mask's support as well; of those that show the same shaft, only the best. What
-        the mask shows and no detection explains is fitted, too (`mask_starts`).
+        """Fit all detections, and the shafts that the mask shows and no detection explains
+        (`initial_poses`). Of poses that show the same shaft, only the best is kept.
 
-        rgb: (H, W, 3); mask: (h, w), the probability of a shaft, of the same field of view; fine:
-        (k H, k W, 3), the same view in more pixels, whose edges are more exact. A detection keeps
-        its pose if the fits find too few edges or lead out of sight, and its box also if the tip is
-        not flat: the contour has only lines then.
+        rgb: (H, W, 3). mask: (h, w), the probability of a shaft, with the same field of view. fine:
+        (k H, k W, 3), the same view in more pixels, whose edges are more exact. Boxes become the
+        extents of the contours; scores take the mask's support into account. A detection keeps its
+        pose and box if the fits find too few edges or lead out of sight. It also keeps its box if
+        the tip is not flat, because its contour then has only lines.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
         fitted = self._fitted(found, wide, pictures)
         if self.shaft.flat_tip:
-            sure = fitted.above(_EXPLAINS).poses
-            starts = unexplained_starts(wide, list(sure), self.shaft, self.camera)
+            explained = list(fitted.above(_EXPLAINS).poses)
+            starts = initial_poses_from_mask(wide, explained, self.shaft, self.camera)
             scores = np.full(len(starts), _MASK_ALONE)
             seen = self._fitted(Detections(starts[:, :4], scores, starts), wide, pictures)
             fitted = _joined(fitted, seen)
@@ -76,7 +83,7 @@ class Refiner:
         mask: NDArray[np.float32],
         pictures: Sequence[NDArray[np.float32]],
     ) -> FittedDetections:
-        """All detections, with fitted poses where there are enough edges."""
+        """All detections, with fitted poses where there are enough edges, and with new scores."""
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
@@ -100,27 +107,27 @@ class Refiner:
     def _fits(
         self, start: Array, mask: NDArray[np.float32], pictures: Sequence[NDArray[np.float32]]
     ) -> list[Fit]:
-        """The fit to the mask, and from there to the edges of each picture in turn; those that fail
-        are left out, all if it is the first."""
-        in_mask = partial(mask_offsets, mask)
-        held = np.diag(_NETWORK_PRIOR**-2)
-        known = fit_pose(start, self.shaft, self.camera, in_mask, _MASK_STAGES, _MASK_ERRORS, held)
-        if known is None:
+        """The fit to the mask, followed by a fit to the edges of each picture in turn; failed ones
+        are left out. Empty if the fit to the mask fails."""
+        on_mask = fit_pose(
+            start, self.shaft, self.camera, partial(mask_offsets, mask), _MASK_STAGES, _MASK_ERRORS,
+            np.diag(_NETWORK_PRIOR**-2),
+        )  # fmt: skip
+        if on_mask is None:
             return []
-        fits = [known]
+        fits = [on_mask]
         for picture in pictures if self.edges is not None else ():
-            if (fit := self._on_edges(picture, fits[-1], known)) is not None:
+            if (fit := self._on_edges(picture, fits[-1], on_mask)) is not None:
                 fits.append(fit)
         return fits
 
-    def _on_edges(self, picture: NDArray[np.float32], start: Fit, known: Fit) -> Fit | None:
-        """The fit to the edges of a picture, held by what the mask made known."""
+    def _on_edges(self, picture: NDArray[np.float32], start: Fit, prior: Fit) -> Fit | None:
+        """The fit to the edges of a picture; the fit to the mask is the prior."""
         assert self.edges is not None
         camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
-        held = known.information_in(camera)
         return fit_pose(
             start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES,
-            _READER_ERRORS, held, known.pose,
+            _READER_ERRORS, prior.information_in(camera), prior.pose,
         )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""How far a mask supports a fitted shaft, and which of several fits show the same shaft.
+"""Scores of fitted shafts from the mask, and non-maximum suppression for poses.
 
-A network's heat tells little about a tip between a shaft and its jaws: it has several peaks there.
-The mask's edges tell more.
+A network's heat map of tips has several peaks where jaws continue a shaft. The edges of the mask
+show better where the shaft ends.
 """
 
 import numpy as np
@@ -13,17 +13,20 @@ from shaftpose.refinement.edges import mask_contrast
 
 _REACH_PX = 4.0
 _NEAR_TIP = 1.5  # radii of the shaft in the image
-# A shaft's tip on the axis of another: so many radii to its side or in front of its tip at most,
-# and the cosine of the angle between both in the image at least.
+# A tip lies on another shaft within `_ASIDE` radii plus `_ASIDE_PX` of its axis and `_AHEAD` radii
+# in front of its tip, if the cosine of the angle between both in the image exceeds `_ALIGNED`.
 _ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
 
 
 def supported(
     score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
 ) -> float:
-    """The geometric mean of a detection's score and the mask's contrast along its whole outline,
-    and next to its tip. The score itself where no outline is in the image, 0 for
-    what is no pose."""
+    """The geometric mean of a detection's score, the mask's contrast along its whole outline, and
+    the contrast next to its tip.
+
+    The unchanged score if no outline is in the image; 0 for a pose that is not finite or lies
+    behind the camera.
+    """
     if not np.isfinite(pose).all() or pose[2] <= 0:
         return 0.0
     contour = shaft_contour(pose, shaft, camera)
@@ -40,26 +43,29 @@ def supported(
 
 
 def distinct(poses: Array, shaft: Shaft, camera: Camera) -> list[int]:
-    """The rows of poses (K, 5), best first, that show no shaft that a better one shows."""
+    """Non-maximum suppression for poses (K, 5), best first: the rows to keep.
+
+    A pose is suppressed if its tip lies on the shaft of a better pose with a similar axis.
+    """
     tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
-    ways = behind - tips
-    ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-9)
+    axes = behind - tips
+    axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
     kept: list[int] = []
     for row in range(len(poses)):
         others = (
-            (tips[row] - tips[one], ways[one], _radius_px(poses[one], shaft, camera))
+            (tips[row] - tips[one], axes[one], _radius_px(poses[one], shaft, camera))
             for one in kept
-            if ways[one] @ ways[row] > _ALIGNED
+            if axes[one] @ axes[row] > _ALIGNED
         )
         if not any(_on_axis(*other) for other in others):
             kept.append(row)
     return kept
 
 
-def _on_axis(offset: Array, way: Array, radius_px: float) -> bool:
-    """Whether a point at an offset from a tip lies on its shaft, or shortly in front of it."""
-    aside = abs(offset[0] * way[1] - offset[1] * way[0])
-    return bool(aside < _ASIDE * radius_px + _ASIDE_PX and offset @ way > -_AHEAD * radius_px)
+def _on_axis(offset: Array, axis: Array, radius_px: float) -> bool:
+    """Whether a point at an offset (2,) px from a tip lies on its shaft or just in front of it."""
+    aside = abs(offset[0] * axis[1] - offset[1] * axis[0])
+    return bool(aside < _ASIDE * radius_px + _ASIDE_PX and offset @ axis > -_AHEAD * radius_px)
 
 
 def _radius_px(pose: Array, shaft: Shaft, camera: Camera) -> float:

@@ -1,6 +1,6 @@
 """E's edge reader: finds the outline of a shaft near a supposed one, and how sure it is of it.
 
-It reads strips of the image along the supposed outline (`refinement.outline_strips`). Edges of
+It reads strips of the image along the supposed outline (`refinement.contour_sampling`). Edges of
 highlights inside the metal, of shadows and of other shafts are often stronger than the outline: the
 reader learns which edge is meant.
 """
@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from shaftpose.network.dense.edge_samples import EdgeSamples
 from shaftpose.network.dense.residual import Residual, conv_norm_relu
 from shaftpose.network.smooth_l1 import smooth_l1
-from shaftpose.refinement.outline_strips import COLUMNS, MIDDLE
+from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE
 
 _FINE, _CHANNELS = 16, 64
 _KERNEL, _DILATIONS = (5, 1), (1, 2, 4, 8)  # along the outline

@@ -12,8 +12,8 @@ from torch import Tensor
 from shaftpose.core.geometry import Camera, axis_direction
 from shaftpose.dataset.batches import Targets
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
-from shaftpose.refinement.fit_parameters import moved
-from shaftpose.refinement.outline_strips import MIDDLE, ROWS, outline_strips
+from shaftpose.refinement.contour_sampling import MIDDLE, ROWS, outline_strips
+from shaftpose.refinement.fit import moved
 
 _OUTLINES = 4  # for each shaft
 _STEP_PX = (0.25, 0.5)  # between columns

@@ -6,10 +6,10 @@ import torch
 
 from shaftpose.export.onnx_export import edge_reader_bytes
 from shaftpose.export.parity import EDGE_TOLERANCE, edge_difference
+from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.network.dense.edge_reader import EdgeReader
 from shaftpose.refinement.contour import shaft_contour
-from shaftpose.refinement.learned_edges import LearnedEdges
-from shaftpose.refinement.outline_strips import scaled
+from shaftpose.refinement.contour_sampling import scaled
 from tests.conftest import constant_edge_reader
 from tests.core.silhouettes import CAMERA, POSES, SHAFT
 

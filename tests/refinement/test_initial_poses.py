@@ -1,4 +1,4 @@
-"""Starts for the shafts that a mask shows and no detection explains."""
+"""Initial poses of the shafts that a mask shows and no detection explains."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Shaft
-from shaftpose.refinement.mask_starts import unexplained_starts
+from shaftpose.refinement.initial_poses import initial_poses_from_mask
 from shaftpose.refinement.refiner import Refiner
 
 SHAFT = Shaft(3.0)
@@ -26,7 +26,7 @@ def mask_of(*poses: Array) -> NDArray[np.float32]:
 
 
 def test_a_start_is_near_the_shaft_that_it_stands_for() -> None:
-    starts = unexplained_starts(mask_of(FIRST), [], SHAFT, CAMERA)
+    starts = initial_poses_from_mask(mask_of(FIRST), [], SHAFT, CAMERA)
     assert starts[:, 3].tolist() == [60, 85]
     for start in starts:
         tips = CAMERA.project(np.stack([start[:3], FIRST[:3]]))
@@ -37,8 +37,8 @@ def test_a_start_is_near_the_shaft_that_it_stands_for() -> None:
 
 def test_a_detected_shaft_is_explained() -> None:
     both = mask_of(FIRST, SECOND)
-    assert len(unexplained_starts(both, [FIRST, SECOND], SHAFT, CAMERA)) == 0
-    (start, _) = unexplained_starts(both, [FIRST], SHAFT, CAMERA)
+    assert len(initial_poses_from_mask(both, [FIRST, SECOND], SHAFT, CAMERA)) == 0
+    (start, _) = initial_poses_from_mask(both, [FIRST], SHAFT, CAMERA)
     assert abs(start[4] - SECOND[4]) < 5
 
 
@@ -47,8 +47,8 @@ def test_small_round_and_thin_regions_are_no_shafts() -> None:
     mask[20:35, 20:35] = 1  # too small
     mask[100:140, 100:140] = 1  # as wide as long
     mask[200:204, 20:280] = 1  # thinner than the opening
-    assert unexplained_starts(mask, [], SHAFT, CAMERA).shape == (0, 5)
-    assert unexplained_starts(0 * mask, [], SHAFT, CAMERA).shape == (0, 5)
+    assert initial_poses_from_mask(mask, [], SHAFT, CAMERA).shape == (0, 5)
+    assert initial_poses_from_mask(0 * mask, [], SHAFT, CAMERA).shape == (0, 5)
 
 
 def test_the_refiner_finds_what_only_the_mask_shows() -> None:

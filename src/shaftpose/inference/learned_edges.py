@@ -5,8 +5,8 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from shaftpose.refinement.contour import Contour
+from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS, outline_strips
 from shaftpose.refinement.edges import Offsets
-from shaftpose.refinement.outline_strips import COLUMNS, MIDDLE, ROWS, outline_strips
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
 _LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
