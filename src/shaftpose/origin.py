@@ -1,4 +1,4 @@
-"""Where results come from: a command, the code and a machine."""
+"""Where results come from: the command, the code and the machine."""
 
 import os
 import platform
@@ -13,9 +13,9 @@ from pathlib import Path
 class Origin:
     """How results were made.
 
-    command: as in a shell. commit: of the code, with `+` if Python or YAML files differed from it,
-    were not in it, or git could not tell; "" outside of a Git repository. machine: its processor
-    and number of cores.
+    command: as in a shell. commit: of the code; ends with `+` if Python or YAML files were changed
+    or not committed, or git could not tell; "" outside of a Git repository. machine: processor and
+    number of cores.
     """
 
     command: str
@@ -24,7 +24,7 @@ class Origin:
 
 
 def origin() -> Origin:
-    """The origin of results of this process, which works in the project's folder."""
+    """The origin of this process's results, if its working directory is the project's."""
     return Origin(
         command=shlex.join(["python", *sys.argv]),
         commit=_commit(),
@@ -41,7 +41,7 @@ def _commit() -> str:
 
 
 def _git(*arguments: str) -> str | None:
-    """The output of a git command, None if it fails or there is no git."""
+    """The output of a git command; None if it fails or git is missing."""
     try:
         done = subprocess.run(
             ["git", "--no-optional-locks", *arguments], capture_output=True, text=True, check=True
@@ -52,7 +52,7 @@ def _git(*arguments: str) -> str | None:
 
 
 def processor() -> str:
-    """The processor's name if the system tells it, or its kind."""
+    """The processor's architecture and, if the system tells it, its name."""
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

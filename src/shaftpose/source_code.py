@@ -20,7 +20,10 @@ _PLUMBING = tuple(
 
 
 def source_files(modules: Iterable[str]) -> list[Path]:
-    """Package files that the modules reach, including their own, sorted by name."""
+    """The modules' own files and those they import, directly or through others, sorted by name.
+
+    Files outside of the package, and those of modules that compute no results, are left out.
+    """
     found: set[str] = set()
     new = {name for name in modules if _counts(name)}
     while new:
@@ -29,19 +32,20 @@ def source_files(modules: Iterable[str]) -> list[Path]:
     return [_file(name) for name in sorted(found)]
 
 
-def _counts(module: str) -> bool:
-    inside = module.startswith("shaftpose.") and _file(module).name != "__init__.py"
-    return inside and not any(f"{module}.".startswith(f"{name}.") for name in _PLUMBING)
+def _counts(name: str) -> bool:
+    """Whether a name is that of a module of the package, not of a folder, that computes results."""
+    inside = name.startswith("shaftpose.") and _file(name).name != "__init__.py"
+    return inside and not any(f"{name}.".startswith(f"{other}.") for other in _PLUMBING)
 
 
 @cache
 def _imported(module: str) -> frozenset[str]:
     names = set(imported_names(ast.parse(_file(module).read_text())))
-    return frozenset(name for name in names if _is_module(name) and _counts(name))
+    return frozenset(name for name in names if _counts(name))
 
 
 def imported_names(tree: ast.AST) -> Iterator[str]:
-    """Names imported anywhere in a file; `from a import b` yields both a and a.b."""
+    """Names imported anywhere in a file; `from a import b` yields a and a.b."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -50,13 +54,7 @@ def imported_names(tree: ast.AST) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def _is_module(name: str) -> bool:
-    if not name.startswith("shaftpose."):
-        return False
-    path = Path(__file__).parent.joinpath(*name.split(".")[1:])
-    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
-
-
 def _file(module: str) -> Path:
+    """A module's file; `__init__.py` if the name is a folder's or no module's."""
     path = Path(__file__).parent.joinpath(*module.split(".")[1:])
     return path.with_suffix(".py") if path.with_suffix(".py").is_file() else path / "__init__.py"
