@@ -41,7 +41,7 @@ def main() -> None:
     frames = [cv2.resize(frame.rgb, (SIDE_PX, SIDE_PX)) for frame in VideoFile(FILM).frames()]
     images = np.stack(frames).astype(np.uint8)
     recipe = training_recipe(composed_settings(ROOT, "variant=d", f"profile={PROFILE}"))
-    rows, detector = [], ShaftDetector(build_network(recipe.network()), recipe.detection).eval()
+    rows, detector = [], ShaftDetector(build_network(recipe.variant), recipe.detection).eval()
     title = f"D, width {recipe.size.width:g}, depth {recipe.size.depth:g}"
     with TemporaryDirectory() as folder:
         path = Path(folder) / "paper.onnx"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from shaftpose.dataset.split_lists import first_images
 from shaftpose.export.model_file import export_model
-from shaftpose.network.building import NetworkSettings, trained_network
+from shaftpose.network.building import trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_training
@@ -20,13 +20,7 @@ def main(settings: Settings) -> None:
     """Write `model.onnx` and `parity.json` to `out`, from the checkpoint in `model_folder`."""
     out, training = settings.out, settings.model_folder
     out.mkdir(parents=True, exist_ok=True)
-    network = trained_network(
-        NetworkSettings(
-            settings.variant, settings.size, settings.rendering.camera,
-            settings.rendering.poses, settings.loss,
-        ),
-        training / "model.ckpt",
-    )  # fmt: skip
+    network = trained_network(settings.variant, training / "model.ckpt")
     images = first_images(Path("data/render/images"), Path("data/split"), "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
     connect(settings.tracking.uri, settings.tracking.experiment)

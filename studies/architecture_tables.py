@@ -5,7 +5,6 @@ and depths of conf/profiles.yaml. They use no memory for weights (torch's device
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.metrics.pose_errors import errors_between
-from shaftpose.network.building import NetworkSettings, build_network
+from shaftpose.network.building import build_network
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
 from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
 from shaftpose.network.ssd.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
@@ -29,7 +28,6 @@ from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.scaling import block_counts
-from shaftpose.settings.schema import Variant
 from shaftpose.settings.tree import VARIANTS, Settings, read_variant
 from studies.page_tables import rewrite, with_tables
 
@@ -162,39 +160,38 @@ def sizes() -> dict[str, tuple[float, float]]:
 
 
 @cache
-def settings(profile: str) -> Settings:
+def settings(profile: str, *overrides: str) -> Settings:
     """The settings of params.yaml with this profile."""
-    return composed_settings(ROOT, f"profile={profile}")
+    return composed_settings(ROOT, f"profile={profile}", *overrides)
 
 
-def networks() -> dict[str, Variant]:
-    """The names of variants with the same single-shot network -> one of these variants.
+def networks() -> dict[str, str]:
+    """The names of variants with the same single-shot network -> the name of one of them.
 
     Variants without poses are left out, and networks of another kind.
     """
-    same: dict[str, list[Variant]] = {}
+    same: dict[str, list[str]] = {}
     for path in sorted((ROOT / VARIANTS).glob("*.yaml")):
         variant = read_variant(path.stem, ROOT)
         if variant.pose_loss and variant.network["_target_"].endswith(SINGLE_SHOT):
-            same.setdefault(str(variant.network), []).append(variant)
-    return {", ".join(one.name for one in alike): alike[0] for alike in same.values()}
+            same.setdefault(str(variant.network), []).append(variant.name)
+    return {", ".join(alike): alike[0] for alike in same.values()}
 
 
-def build(variant: Variant, width: float, depth: float) -> SingleShotNetwork:
+def build(variant: str, width: float, depth: float) -> SingleShotNetwork:
     """The network of a variant, without memory for its weights."""
-    chosen = settings("paper")
-    size = replace(chosen.size, width=width, depth=depth)
-    camera, poses = chosen.rendering.camera, chosen.rendering.poses
+    scale = (f"profiles.paper.width={width}", f"profiles.paper.depth={depth}")
     with torch.device("meta"):
-        network = build_network(NetworkSettings(variant, size, camera, poses, chosen.loss))
+        network = build_network(settings("paper", f"variant={variant}", *scale).variant)
     assert isinstance(network, SingleShotNetwork)
     return network.eval()
 
 
-def pose_coder(variant: Variant) -> PoseCoder:
+def pose_coder(variant: str) -> PoseCoder:
     """The pose coder of a variant for the ranges of params.yaml."""
-    make: Callable[..., PoseCoder] = instantiate(variant.network).keywords["pose_coder"]
-    ranges = settings("paper").rendering.poses
+    chosen = settings("paper", f"variant={variant}")
+    make: Callable[..., PoseCoder] = instantiate(chosen.variant.network["pose_coder"])
+    ranges = chosen.rendering.poses
     return make(ranges.low, ranges.high)
 
 

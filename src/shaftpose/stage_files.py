@@ -55,7 +55,7 @@ class TrainingFacts:
     """A finished training, as `training.json` describes it.
 
     variant, recipe: the settings in which trainings of one variant, and compared trainings, must
-    agree (`Recipe.of_variant`, `Recipe.common`); parameters: number of weights.
+    agree (`Recipe.variant_key`, `Recipe.comparison_key`); parameters: number of weights.
     """
 
     training_id: str

@@ -28,7 +28,7 @@ from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.pose_coding import RegressionCoder
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from tests.network.ssd.even_boxes import EVEN_CENTRES
-from tests.network.tiny import LIMITS, paper_loss
+from tests.network.tiny import E_LOSS, LIMITS, paper_loss
 
 
 def random_images(count: int) -> Tensor:
@@ -168,7 +168,7 @@ def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
 
 def test_a_dense_network_is_exported_with_its_decoding(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    network = DenseNetwork((8, 8, 8, 16), Pinhole(299, 95.0), shaft=None).eval()
+    network = DenseNetwork((8, 8, 8, 16), Pinhole(299, 95.0), None, E_LOSS).eval()
     tips = network.maps[1]
     assert isinstance(tips, nn.Conv2d) and tips.bias is not None and network.mask.bias is not None
     nn.init.constant_(tips.bias[:1], 0.0)  # so that there are peaks,

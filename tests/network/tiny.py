@@ -1,7 +1,8 @@
-"""A network small enough for tests, and the paper's loss and limits."""
+"""A network small enough for tests, the losses of conf/variant, and limits."""
 
 import torch
 
+from shaftpose.network.dense.loss import DenseLoss
 from shaftpose.network.ssd.heads import ArchitectureD
 from shaftpose.network.ssd.inception_v4 import InceptionV4Features
 from shaftpose.network.ssd.loss import ShaftLoss
@@ -12,6 +13,9 @@ from shaftpose.settings.schema import DetectionSettings
 LIMITS = DetectionSettings(
     top_k=250, nms_iou=0.5, max_detections=20, confidence_threshold=None, refine="edges"
 )
+
+
+E_LOSS = DenseLoss(mask=3.0, border=9.0, border_px=2.5, tip_cells=9.0, smooth=0.1)
 
 
 def paper_loss() -> ShaftLoss:

@@ -12,6 +12,7 @@ from shaftpose.source_code import imported_names, source_files
 from tests.pipeline.conftest import ROOT
 
 STAGES: dict[str, Any] = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
+VARIANT_FILES = sorted((ROOT / "conf/variant").glob("*.yaml"))
 MOST_CODE_ENTRIES = 70
 PACKAGE = "src/shaftpose/"
 # dvc.yaml explains why they are not listed.
@@ -52,8 +53,8 @@ WITHOUT_EFFECT = {
     # A silhouette depends only on camera, lens and shaft.
     "evaluate_real": {"poses", "scene", "render"},
     "validate": {"render"},
-    # Listed key by key; the camera's image size is constant.
-    "backgrounds": {"backgrounds", "camera"},
+    # Listed key by key.
+    "backgrounds": {"backgrounds"},
 }
 
 
@@ -145,27 +146,41 @@ def test_the_detector_lists_what_train_lists_but_for_poses_and_real_images() -> 
         text = str(entries(stage, "params")).replace("${item.variant}", "detector")
         return set(re.findall(r"[\w.${}/]+", text))
 
-    of_e = {"shaft", "lens", "lens.distortion"}
-    assert listed("train") - listed("detector") == {"loss", "${profile}.steps", *of_e}
-    assert listed("detector") - listed("train") == {"loss.alpha", "${profile}.detector_steps"}
+    of_e = {"camera", "shaft", "lens", "lens.distortion"}
+    assert listed("train") - listed("detector") == {"${profile}.steps", *of_e}
+    assert listed("detector") - listed("train") == {
+        "loss.alpha", "camera.size_px", "${profile}.detector_steps"
+    }  # fmt: skip
     extra = paths("train", "deps") - paths("detector", "deps")
     assert extra == {"data/real", "models/detector/model.ckpt", f"{PACKAGE}refinement"}
 
 
-def keys_listed(stage: str, file: str) -> set[str]:
-    """Top-level keys of one file that the stage lists."""
+def keys_listed(stage: str) -> dict[str, list[str]]:
+    """File -> keys of it that the stage lists."""
     of_params = [one for one in entries(stage, "params") if isinstance(one, str)]
     listed = {"params.yaml": of_params}
     for entry in entries(stage, "params"):
         listed |= entry if isinstance(entry, dict) else {}
-    return {key.partition(".")[0] for key in listed.get(file) or []}
+    return listed
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_stage_lists_a_section_of_the_preset_with_that_of_params(stage: str) -> None:
     sections = yaml.safe_load((ROOT / "conf/preset/none.yaml").read_text()).keys()
-    listed = keys_listed(stage, "params.yaml") & sections
-    assert keys_listed(stage, "conf/preset/${preset}.yaml") == listed
+    listed = keys_listed(stage)
+    of_params = set(listed["params.yaml"]) - {"camera.size_px"}  # which no preset sets
+    assert (
+        set(listed.get("conf/preset/${preset}.yaml", []))
+        == {key.partition(".")[0] for key in of_params} & sections
+    )
+
+
+@pytest.mark.parametrize("path", VARIANT_FILES, ids=lambda p: p.stem)
+def test_a_training_lists_the_settings_that_its_variants_file_refers_to(path: Path) -> None:
+    listed = keys_listed("detector" if path.stem == "detector" else "train")
+    sizes = [key.replace("${profile}", "size") for key in listed["conf/profiles.yaml"]]
+    for name in re.findall(r"\$\{([\w.]+)\}", path.read_text()):
+        assert any(f"{name}.".startswith(f"{key}.") for key in [*listed["params.yaml"], *sizes])
 
 
 def test_every_profile_has_the_listed_sizes() -> None:

@@ -13,7 +13,6 @@ import mlflow
 import pytest
 
 from pipelines import train as stage
-from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.tree import Settings
 from shaftpose.training import run
 from tests.pipeline.conftest import ROOT, settings_with
@@ -60,13 +59,21 @@ def test_a_training_that_another_process_finishes_meanwhile_is_not_repeated(
         assert run_stage(settings) == first
 
 
-def test_other_loss_weights_train_anew(settings: Settings, tmp_path: Path) -> None:
+def test_other_loss_weights_train_again(settings: Settings, tmp_path: Path) -> None:
     first = run_stage(settings)
-    changed = replace(settings, loss=replace(settings.loss, alpha=0.25))
-    second = run_stage(changed)
-    assert second["recipe"]["loss"] == as_plain(changed.loss) != first["recipe"]["loss"]
+    second = run_stage(settings_with(*SIZES, f"out={tmp_path}", "loss.alpha=0.25"))
+    assert (first["variant"]["loss"]["alpha"], second["variant"]["loss"]["alpha"]) == (1.5, 0.25)
     assert second["fingerprint"] != first["fingerprint"]
     assert second["training_id"] != first["training_id"]
+
+
+def test_a_finished_training_takes_the_new_values_of_settings_that_it_does_not_read(
+    settings: Settings, tmp_path: Path
+) -> None:
+    first = run_stage(settings)
+    second = run_stage(replace(settings, size=replace(settings.size, test_set=3)))
+    assert second["recipe"]["size"]["test_set"] == 3 != first["recipe"]["size"]["test_set"]
+    assert second["training_id"] == first["training_id"]
 
 
 def test_earlier_settings_find_their_result_again(settings: Settings, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_a_job_that_fails_does_not_keep_others_of_its_sweep(folder: Path) -> Non
     done = run_stage(folder, *CPU, "hydra.sweep.dir=sweeps/mine", "loss.alpha=-1,1.5", "-m")
     assert done.returncode == 1
     assert "error: params.yaml: loss.alpha = -1" in done.stdout + done.stderr
-    assert facts(folder)["recipe"]["loss"]["alpha"] == 1.5
+    assert facts(folder)["variant"]["loss"]["alpha"] == 1.5
 
 
 def test_a_batch_that_processes_cannot_share_is_refused(folder: Path) -> None:

@@ -68,13 +68,13 @@ def test_a_detector_takes_its_own_steps_and_no_pose_loss() -> None:
     assert isinstance(module.network, SingleShotNetwork)
     assert module.network.loss.beta.tolist() == [0.0] * 5
     other = recipe_with("variant=d", *overrides)
-    assert (other.size.steps, other.loss.beta) == (40, (1.0, 1.0, 2.0, 2.0, 2.0))
+    assert (other.size.steps, other.variant.loss["beta"]) == (40, [1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def started(path: Path, *overrides: str) -> PoseNetwork:
     """The network that starts from the detector at `path`."""
     recipe = recipe_with("profile=smoke", f"variant.start={path}", *overrides)
-    return initial_network(recipe.network())
+    return initial_network(recipe.variant)
 
 
 def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from shaftpose.core.errors import InputError
-from shaftpose.settings.tree import read_variant
 from studies import architecture_tables
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +57,7 @@ def test_counts_by_hand() -> None:
     """C's head at width and depth 1: 3 x 3 convolutions with bias, 11 values for each box."""
     channels, boxes = (384, 1024, 1536, 512, 256, 256), (4, 6, 6, 6, 4, 4)
     sizes = (35, 17, 9, 5, 3, 2)
-    c = architecture_tables.build(read_variant("c", ROOT), width=1.0, depth=1.0)
+    c = architecture_tables.build("c", width=1.0, depth=1.0)
     weights = [9 * n * 11 * k for n, k in zip(channels, boxes, strict=True)]
     assert architecture_tables.parameters(c.head) == sum(weights) + 11 * sum(boxes)
     head = sum(2 * w * size**2 for w, size in zip(weights, sizes, strict=True)) / 1e9
@@ -88,7 +87,7 @@ def test_profiles_of_one_size_stand_together() -> None:
 
 def test_what_classes_cost_by_hand() -> None:
     """The distance of a value from the centre of its class is a quarter of the class on average."""
-    coder = architecture_tables.pose_coder(read_variant("b", ROOT))
+    coder = architecture_tables.pose_coder("b")
     errors = architecture_tables.rounding_errors(coder)  # type: ignore[arg-type]
     expected = {"x_mm": 0.25, "y_mm": 0.25, "z_mm": 0.25, "pitch_deg": 1.25, "yaw_deg": 1.25}
     assert {name: errors[name] for name in expected} == pytest.approx(expected, rel=0.03)

@@ -290,16 +290,6 @@ def saved(path: Path, network: SingleShotNetwork) -> Path:
     return path
 
 
-def test_a_checkpoint_without_a_depth_is_refused(
-    tiny_network: SingleShotNetwork, tmp_path: Path
-) -> None:
-    """Checkpoints of older versions have other default boxes."""
-    identity = {key: value for key, value in IDENTITY.items() if key != "depth"}
-    torch.save({"identity": identity, "state_dict": {}}, tmp_path / "old.ckpt")
-    with pytest.raises(InputError, match="old.ckpt: names no depth.*train the network again"):
-        load_network_weights(tmp_path / "old.ckpt", tiny_network, IDENTITY)
-
-
 def test_other_identity_is_refused(tiny_network: SingleShotNetwork, tmp_path: Path) -> None:
     path = saved(tmp_path / "d.ckpt", tiny_network)
     with pytest.raises(InputError, match=r"'D'.*'C'"):

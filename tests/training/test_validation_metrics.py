@@ -164,7 +164,7 @@ def test_the_last_step_is_validated_once(
 def test_images_without_poses_have_none() -> None:
     rgb = np.zeros((SIDE, SIDE, 3), np.uint8)
     items = [(rgb, KNOWN[0]), (rgb, Annotations(np.array([BOX]), None))]
-    both, boxes_alone = annotations(pad_batch(items).targets)
+    both, boxes_alone = annotations(pad_batch(items).targets, SIDE)
     np.testing.assert_allclose(both.boxes, KNOWN[0].boxes, rtol=1e-6)
     np.testing.assert_allclose(both.poses, KNOWN[0].poses, rtol=1e-6)
     np.testing.assert_allclose(boxes_alone.boxes, [BOX], rtol=1e-6)

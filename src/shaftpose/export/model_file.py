@@ -19,7 +19,7 @@ from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.detection.average_precision import precision_recall
 from shaftpose.metrics.detection.operating_point import best_confidence
 from shaftpose.network.detector import ShaftDetector
-from shaftpose.network.pose_network import IMAGE_SIDE_PX, MaskNetwork, PoseNetwork
+from shaftpose.network.pose_network import MaskNetwork, PoseNetwork
 from shaftpose.settings.schema import DetectionSettings, RenderSettings
 
 
@@ -37,7 +37,7 @@ def export_model(
     on the validation images of data/render/images. Raises InputError if file and network differ.
     """
     detector, path = ShaftDetector(network, limits), out / "model.onnx"
-    export_onnx(detector, path, IMAGE_SIDE_PX)
+    export_onnx(detector, path, network.side_px)
     reader = network.edge_reader() if isinstance(network, MaskNetwork) else None
     stored = None
     parity = _parity(detector, Predictor(path), images)

@@ -1,49 +1,50 @@
-"""Building a variant's network from its settings."""
+"""Building a variant's network from its file."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
+from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 
+from shaftpose.core.errors import InputError
 from shaftpose.network.checkpoint import Identity, load_network_weights, start_from_detector
 from shaftpose.network.pose_network import PoseNetwork
-from shaftpose.settings.schema import CameraSettings, LossSettings, PoseRanges, Size, Variant
+from shaftpose.settings.schema import Variant
 
 
-def identity(variant: Variant, size: Size) -> Identity:
+def identity(variant: Variant) -> Identity:
     """The values in which a checkpoint and the network that loads it must agree."""
-    return {"variant": variant.name, "width": size.width, "depth": size.depth}
+    return {"variant": variant.name, **scale(variant)}
 
 
-@dataclass(frozen=True)
-class NetworkSettings:
-    """The settings that a network is built from."""
-
-    variant: Variant
-    size: Size
-    camera: CameraSettings
-    poses: PoseRanges
-    loss: LossSettings
+def scale(variant: Variant) -> dict[str, float]:
+    """Width and depth of the paper's backbone; nothing for networks without it."""
+    backbone = variant.network.get("backbone", {})
+    return {name: backbone[name] for name in ("width", "depth") if name in backbone}
 
 
-def build_network(settings: NetworkSettings) -> PoseNetwork:
-    """Build the untrained network named by `variant.network` from the other settings."""
-    network: PoseNetwork = instantiate(settings.variant.network)(
-        size=settings.size, camera=settings.camera, poses=settings.poses, loss=settings.loss
-    )
+def build_network(variant: Variant) -> PoseNetwork:
+    """Build the untrained network that a variant's file describes, with its loss.
+
+    Raises InputError naming the file if an argument there is wrong.
+    """
+    try:
+        network: PoseNetwork = instantiate(variant.network, loss=variant.loss, _convert_="all")
+    except InstantiationException as error:
+        reason = " ".join(str(error.__cause__ or error).split())  # may have several lines
+        raise InputError(f"conf/variant/{variant.name}.yaml: {reason}") from error
     return network
 
 
-def initial_network(settings: NetworkSettings) -> PoseNetwork:
+def initial_network(variant: Variant) -> PoseNetwork:
     """The network at the start of a training: random weights, or the detector's at `start`."""
-    network, start, size = build_network(settings), settings.variant.start, settings.size
-    if start is not None:
-        start_from_detector(start, network, {"width": size.width, "depth": size.depth})
+    network = build_network(variant)
+    if variant.start is not None:
+        start_from_detector(variant.start, network, scale(variant))
     return network
 
 
-def trained_network(settings: NetworkSettings, checkpoint: Path) -> PoseNetwork:
+def trained_network(variant: Variant, checkpoint: Path) -> PoseNetwork:
     """The network with the weights of a checkpoint. Raises InputError if they cannot be loaded."""
-    network = build_network(settings)
-    load_network_weights(checkpoint, network, identity(settings.variant, settings.size))
+    network = build_network(variant)
+    load_network_weights(checkpoint, network, identity(variant))
     return network.eval()

@@ -11,7 +11,8 @@ from torch import Tensor
 from shaftpose.core.errors import InputError
 from shaftpose.network.pose_network import PoseNetwork
 
-# A checkpoint and the network that loads it must agree in these: variant, width, depth.
+# A checkpoint and the network that loads it must agree in these: variant and, with the paper's
+# backbone, width and depth.
 Identity = dict[str, str | float]
 
 WEIGHT_PREFIX = "network."  # the network's name in `ShaftModule`
@@ -79,11 +80,6 @@ def resumed_step(path: Path, identity: Identity) -> int:
 def _read_checkpoint_of(path: Path, identity: Identity, parts: Set[str]) -> dict[str, Any]:
     """Read a checkpoint of this identity that has these parts."""
     checkpoint = _read_checkpoint(path, parts)
-    if "depth" not in checkpoint["identity"]:
-        raise InputError(
-            f"{path}: names no depth: an earlier version with other default boxes wrote it; "
-            f"{_AGAIN}"
-        )
     if checkpoint["identity"] != identity:
         raise InputError(
             f"{path}: holds the weights of {checkpoint['identity']}, not of {identity}; "

@@ -7,9 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from shaftpose.dataset.batches import Targets
-from shaftpose.settings.schema import CameraSettings, DetectionSettings
+from shaftpose.settings.schema import DetectionSettings
 
-IMAGE_SIDE_PX = CameraSettings.size_px
+IMAGE_SIDE_PX = 299  # of the paper's networks
 COUNTS = frozenset({"matched"})  # loss terms that are counts; all others are means
 
 
@@ -27,10 +27,11 @@ class DecodedOutputs(NamedTuple):
 class PoseNetwork(nn.Module, ABC):
     """Images -> outputs; outputs and targets -> loss terms; outputs -> instruments.
 
-    continuous: whether a small change of the outputs is a small change of the pose;
-    needs_instances: whether targets must have `instances`.
+    side_px: side of the images; continuous: whether a small change of the outputs is a small change
+    of the pose; needs_instances: whether targets must have `instances`.
     """
 
+    side_px: int = IMAGE_SIDE_PX
     continuous: bool = True
     needs_instances: bool = False
 

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
@@ -101,7 +101,7 @@ Component = Annotated[dict[str, Any], AfterValidator(_names_a_class)]
 class CameraSettings:
     """The endoscope: a square image of `size_px` and its field of view (paper, II)."""
 
-    size_px: ClassVar[int] = 299  # the network's input
+    size_px: Annotated[int, Field(ge=32, le=4096)]
     view_deg: Annotated[float, Field(gt=0, lt=170)]
 
 
@@ -384,17 +384,18 @@ class TrainingSettings:
 class Variant:
     """One variant of the ablation: conf/variant/`name`.yaml.
 
-    network: see `shaftpose.network.building`; start: checkpoint of a detector whose weights a
-    training starts from, None for random ones; pose_loss: whether L_pose counts, if not the network
-    becomes a detector to start from; noise: half-width of the uniform noise on half of the training
-    images, grey levels; real_share: share of real images in training; symmetries: whether training
-    images are mirrored and rotated, real ones also scaled; see `dataset.symmetries` and
+    network, loss: see `shaftpose.network.building`; start: checkpoint of a detector whose weights a
+    training starts from, None for random ones; pose_loss: whether poses are learned, if not the
+    network becomes a detector to start from; noise: half-width of the uniform noise on half of the
+    training images, grey levels; real_share: share of real images in training; symmetries: whether
+    training images are mirrored and rotated, real ones also scaled; see `dataset.symmetries` and
     `dataset.similarities`.
     """
 
     name: str
     title: str
     network: Component
+    loss: Component
     start: Path | None
     pose_loss: bool
     noise: Count

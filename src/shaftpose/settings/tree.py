@@ -1,6 +1,6 @@
 """All settings of a run as one frozen tree, parsed and checked once from Hydra's composition."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -13,6 +13,7 @@ from shaftpose.settings.parsing import as_mapping, parse
 from shaftpose.settings.scaling import block_counts, check_width
 from shaftpose.settings.schema import (
     BackgroundSettings,
+    CameraSettings,
     ClusterSettings,
     DetectionSettings,
     LossSettings,
@@ -28,6 +29,7 @@ from shaftpose.settings.schema import (
 )
 
 VARIANTS = Path("conf/variant")  # in the project's folder
+BACKBONE_SIDE_PX = 299  # of the paper's images; its maps have fixed sizes
 _RENDERING = ("camera", "poses", "shaft", "scene", "lens")
 
 
@@ -110,7 +112,7 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
         "params.yaml",
     )
     check_symmetries(settings.variant, settings.rendering.poses)
-    check_variants(settings.variants, settings.rendering.poses, root)
+    check_variants(settings, root)
     return settings
 
 
@@ -174,21 +176,32 @@ def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
         )
 
 
-def check_variants(names: Sequence[str], ranges: PoseRanges, root: Path) -> None:
-    """Check the files of variants.
+def check_image_size(variant: Variant, camera: CameraSettings) -> None:
+    """Raise InputError if a variant cannot read images of the camera's size."""
+    if "backbone" in variant.network and camera.size_px != BACKBONE_SIDE_PX:
+        raise InputError(
+            f"conf/variant/{variant.name}.yaml: its backbone reads images of {BACKBONE_SIDE_PX} "
+            f"px, but params.yaml: camera.size_px = {camera.size_px}; set {BACKBONE_SIDE_PX}, or "
+            "do not train the variant (params.yaml: variants)"
+        )
 
-    Raises InputError if one learns no poses or cannot be mirrored, or if two have the same name or
-    title.
+
+def check_variants(settings: Settings, root: Path) -> None:
+    """Check the files of the variants that the ablation compares.
+
+    Raises InputError if one learns no poses, cannot read the images or cannot be mirrored, or if
+    two have the same name or title.
     """
     named: dict[str, str] = {}
-    for name in names:
+    for name in settings.variants:
         chosen = read_variant(name, root)
         if not chosen.pose_loss:
             raise InputError(
                 f"params.yaml: variants: {name!r}: learns no poses (its pose_loss is false); "
                 "remove it from the list: it is a detector for other variants to start from"
             )
-        check_symmetries(chosen, ranges)
+        check_image_size(chosen, settings.rendering.camera)
+        check_symmetries(chosen, settings.rendering.poses)
         title = chosen.title
         if named.get(title) == name:
             raise InputError(f"params.yaml: variants: {name!r}: listed twice; remove one")

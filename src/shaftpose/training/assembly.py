@@ -31,7 +31,6 @@ from shaftpose.dataset.training_data import (
 )
 from shaftpose.dataset.transforms import ColourJitter, UniformNoise
 from shaftpose.network.building import identity, initial_network
-from shaftpose.network.pose_network import IMAGE_SIDE_PX
 from shaftpose.settings.schema import Augmentation
 from shaftpose.training.curves import Curves
 from shaftpose.training.last_checkpoint import LastCheckpoint
@@ -49,12 +48,12 @@ warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended 
 def build_module(recipe: Recipe) -> ShaftModule:
     """The network with its loss and optimiser."""
     variant, size = recipe.variant, recipe.size
-    network = initial_network(recipe.network())
+    network = initial_network(variant)
     if recipe.training.compile:
         network.compile()  # in place, so that weight names do not change
     return ShaftModule(
         network=network,
-        identity=identity(variant, size),
+        identity=identity(variant),
         limits=recipe.detection,
         optimizer=size.optimizer,
         learning_rate=size.learning_rate,
@@ -75,7 +74,7 @@ def training_data(
     shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
     stream = TrainingStream(
         rendered=RenderedImages(shards, read_keys(lists, "train"), with_instances),
-        real=real_images(with_instances) if variant.real_share > 0 else None,
+        real=real_images(recipe.camera.size_px, with_instances) if variant.real_share > 0 else None,
         real_share=variant.real_share,
         transforms=transforms(settings.augmentation, variant.noise),
         length=size.steps * size.batch_size,
@@ -87,9 +86,9 @@ def training_data(
     return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
 
 
-def real_images(with_instances: bool) -> RealImages:
+def real_images(side_px: int, with_instances: bool) -> RealImages:
     """The training part of the real, or stand-in, images."""
-    return RealImages(read_coco(Path("data/real/train.json")), IMAGE_SIDE_PX, with_instances)
+    return RealImages(read_coco(Path("data/real/train.json")), side_px, with_instances)
 
 
 def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:

@@ -3,12 +3,12 @@
 import hashlib
 import json
 import re
+from collections.abc import Set
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from shaftpose.network.building import NetworkSettings
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.schema import (
     CameraSettings,
@@ -20,20 +20,29 @@ from shaftpose.settings.schema import (
     TrainingSettings,
     Variant,
 )
-from shaftpose.settings.tree import Settings
+from shaftpose.settings.tree import Settings, check_image_size
 from shaftpose.source_code import source_files
 from shaftpose.stage_files import DataFacts
 from shaftpose.training.precision import native_precision
 
-# Settings of a training that may change before it resumes, and the names of a variant.
+# Settings of a training that may change before it resumes.
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}
-_CALLED = {"name", "title"}
+# Sizes that a training reads only as images, as the weights that it starts from, or, in the
+# variant's file, as arguments of its network.
+_SIZES_OF_DATA = {
+    "sources", "variations", "images", "images_per_shard", "samples", "test_set", "real",
+}  # fmt: skip
+_SIZES_ELSEWHERE = {*_SIZES_OF_DATA, "detector_steps", "width", "depth"}
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All settings that determine a training, and `detection` for its validation."""
+    """The settings of a training.
+
+    Those of network and loss are in the variant's file, which refers to others: `poses` and `loss`
+    only say what trainings have in common. `detection` is for validation.
+    """
 
     seed: int
     variant: Variant
@@ -47,45 +56,57 @@ class Recipe:
 
     def resolved(self) -> "Recipe":
         """The recipe with the device's precision instead of `auto`, and, for a detector, with its
-        own number of steps and no L_pose."""
-        size, loss = self.size, self.loss
+        own number of steps."""
+        size = self.size
         if size.precision == "auto":
             size = replace(size, precision=native_precision(self.trainer.accelerator))
         if not self.variant.pose_loss:
             size = replace(size, steps=size.detector_steps)
-            loss = replace(loss, beta=(0.0,) * len(loss.beta))
-        return replace(self, size=size, loss=loss)
+        return replace(self, size=size)
 
-    def network(self) -> NetworkSettings:
-        """The network's part of the settings."""
-        return NetworkSettings(self.variant, self.size, self.camera, self.poses, self.loss)
-
-    def common(self) -> dict[str, Any]:
+    def comparison_key(self) -> dict[str, Any]:
         """The settings in which compared trainings must agree; variant and seed may differ.
 
         So may the trainer: on all of conf/trainer a step has the same images and batch statistics.
         """
-        training = {k: v for k, v in as_plain(self.training).items() if k not in _FREE}
         parts = {"size": self.size, "camera": self.camera, "poses": self.poses, "loss": self.loss}
+        training = without(_FREE, self.training)
         return {name: as_plain(part) for name, part in parts.items()} | {"training": training}
 
-    def of_variant(self) -> dict[str, Any]:
+    def variant_key(self) -> dict[str, Any]:
         """The settings in which trainings of one variant must agree: all except its names.
 
         Each may start from a detector of its own seed, as long as all start from a detector.
         """
-        settings = {k: v for k, v in as_plain(self.variant).items() if k not in _CALLED}
-        return settings | {"start": self.variant.start is not None}
+        start = self.variant.start is not None
+        return without({"name", "title"}, self.variant) | {"start": start}
 
-    def everything(self) -> dict[str, Any]:
-        """All settings that determine a training."""
-        variant = {"name": self.variant.name, **self.of_variant()}
-        trainer = asdict(self.trainer)
-        return self.common() | {"variant": variant, "seed": self.seed, "trainer": trainer}
+    def fingerprint_fields(self) -> dict[str, Any]:
+        """All settings that determine a training, given its data."""
+        return {
+            "variant": {"name": self.variant.name, **self.variant_key()},
+            "size": without(_SIZES_ELSEWHERE, self.size),
+            "training": without(_FREE, self.training),
+            "trainer": asdict(self.trainer),
+            "seed": self.seed,
+        }
+
+    def parameters(self) -> dict[str, Any]:
+        """The settings by which a tracked run is found."""
+        return self.fingerprint_fields() | self.comparison_key()
+
+
+def without(names: Set[str], settings: object) -> dict[str, Any]:
+    """A part of the settings as plain values, without some of them."""
+    return {name: value for name, value in as_plain(settings).items() if name not in names}
 
 
 def training_recipe(settings: Settings) -> Recipe:
-    """The recipe of the training that the settings describe."""
+    """The recipe of the training that the settings describe.
+
+    Raises InputError if its network cannot read the camera's images.
+    """
+    check_image_size(settings.variant, settings.rendering.camera)
     return Recipe(
         seed=settings.seed,
         variant=settings.variant,
@@ -101,8 +122,10 @@ def training_recipe(settings: Settings) -> Recipe:
 
 def fingerprint(recipe: Recipe, data: DataFacts) -> str:
     """Hexadecimal digest of all that determines a training: settings, code, packages and data."""
-    described = [recipe.everything(), asdict(data)]
-    digest = hashlib.sha256(json.dumps(described, sort_keys=True).encode())
+    described = json.dumps([recipe.fingerprint_fields(), asdict(data)])
+    # The variant's file has numbers as they were written: 1 and 1.0 are the same.
+    same = json.loads(described, parse_int=float)
+    digest = hashlib.sha256(json.dumps(same, sort_keys=True).encode())
     for package in _PACKAGES:
         digest.update(f"{package} {version(package)}".encode())
     for path in code_files(recipe):
@@ -112,7 +135,7 @@ def fingerprint(recipe: Recipe, data: DataFacts) -> str:
 
 def code_files(recipe: Recipe) -> list[Path]:
     """The source files that compute a training, without the networks of other variants."""
-    described = json.dumps(recipe.variant.network)
+    described = json.dumps([recipe.variant.network, recipe.variant.loss])
     networks = [
         name.rpartition(".")[0] for name in re.findall(r'"_target_": "([\w.]+)"', described)
     ]

@@ -5,7 +5,7 @@ import logging
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from shaftpose.core.files import new_file, write_json
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.network.checkpoint import resumed_step
-from shaftpose.stage_files import DataFacts, TrainingFacts
+from shaftpose.stage_files import DataFacts, TrainingFacts, read_training
 from shaftpose.training.assembly import build_module, build_trainer, training_data
 from shaftpose.training.curves import Curves
 from shaftpose.training.data_identity import about_data
@@ -54,7 +54,7 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
     title = recipe.variant.title
     if is_finished(folder):
         logger.info("training %s: finished; its result is in %s", title, folder)
-        rank_zero_only(deliver)(folder, out)
+        rank_zero_only(deliver)(recipe, folder, out)
         return
     curves, skipped = Curves(), SkippedImages(folder / "skipped_images.txt")
     trainer, module = build_trainer(recipe, folder, curves), build_module(recipe)
@@ -64,12 +64,12 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
         return
     with kept(folder) as training_id:
         if is_finished(folder):  # by another process, before it gave the lock back
-            deliver(folder, out)
+            deliver(recipe, folder, out)
             return
         (out / FACTS).unlink(missing_ok=True)  # from another training, whose files get overwritten
         size = recipe.size
         logger.info("training %s: %d steps of %d images", title, size.steps, size.batch_size)
-        parameters = recipe.everything() | {
+        parameters = recipe.parameters() | {
             "profile": profile,
             "training_images": about.training_images,
             "torch": torch.__version__,
@@ -85,14 +85,14 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
             fingerprint=identity,
             seed=recipe.seed,
             data=about,
-            variant=recipe.of_variant(),
-            recipe=recipe.common(),
+            variant=recipe.variant_key(),
+            recipe=recipe.comparison_key(),
             skipped_images=len(skipped.complaints()),
             steps=trainer.global_step,
             parameters=sum(weight.numel() for weight in module.network.parameters()),
         )
         write_json(folder / FACTS, asdict(facts))
-    deliver(folder, out)
+    deliver(recipe, folder, out)
     logger.info("checkpoint and learning curves are in %s", out)
 
 
@@ -106,11 +106,17 @@ def is_finished(folder: Path) -> bool:
     return all((folder / name).is_file() for name in RESULT)
 
 
-def deliver(folder: Path, out: Path) -> None:
-    """Copy a result to `out`, whose files may be links into DVC's cache."""
-    for name in RESULT:
+def deliver(recipe: Recipe, folder: Path, out: Path) -> None:
+    """Copy a result to `out`, whose files may be links into DVC's cache.
+
+    The settings that compared trainings share may have changed since, where this variant does not
+    read them.
+    """
+    for name in (CHECKPOINT, CURVES):
         with new_file(out / name) as part:
             shutil.copyfile(folder / name, part)
+    facts = read_training(folder, "delete the folder, then train again")
+    write_json(out / FACTS, asdict(replace(facts, recipe=recipe.comparison_key())))
 
 
 def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path) -> None:

@@ -9,7 +9,6 @@ from shaftpose.dataset.batches import Batch, Targets
 from shaftpose.metrics.detection.average_precision import precision_recall
 from shaftpose.metrics.detection.operating_point import best_confidence
 from shaftpose.metrics.metrics import evaluate
-from shaftpose.network.pose_network import IMAGE_SIDE_PX
 
 LOGGED = ("mAP", "detected_rate", *POSE_DIMENSIONS, "axis_deg", "tip_mm")
 
@@ -47,7 +46,7 @@ class ValidationMetrics(Callback):
     ) -> None:
         """Keep the detections and annotations of a batch."""
         self._found += unpadded(**{name: t.double().cpu().numpy() for name, t in outputs.items()})
-        self._known += annotations(batch.targets)
+        self._known += annotations(batch.targets, batch.images.shape[1])
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the metrics that have a value; pose errors have none if nothing was found."""
@@ -62,11 +61,11 @@ class ValidationMetrics(Callback):
         )
 
 
-def annotations(targets: Targets) -> list[Annotations]:
+def annotations(targets: Targets, side_px: int) -> list[Annotations]:
     """The targets of a batch, image by image without padding, boxes in pixels."""
     boxes, poses = (values.double().cpu().numpy() for values in (targets.boxes, targets.poses))
     valid, has_pose = (values.cpu().numpy() for values in (targets.valid, targets.has_pose))
     return [
-        Annotations(b[v] * IMAGE_SIDE_PX, p[v] if known else None)
+        Annotations(b[v] * side_px, p[v] if known else None)
         for b, p, v, known in zip(boxes, poses, valid, has_pose, strict=True)
     ]

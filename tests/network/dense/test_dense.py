@@ -12,12 +12,11 @@ from shaftpose.core.instruments import UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.decoding import decode
-from shaftpose.network.dense.loss import border_weight, loss_terms
 from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.dense.pinhole import Pinhole
 from shaftpose.network.dense.targets import decoded_poses, dense_targets, encoded_axis
 from shaftpose.refinement.contour import Shaft
-from tests.network.tiny import LIMITS
+from tests.network.tiny import E_LOSS, LIMITS
 
 SIDE, CELLS, DIAMETER_MM, LENGTH_MM = 299, 75, 3.0, 150.0
 PINHOLE = Pinhole(SIDE, 95.0)
@@ -149,7 +148,7 @@ def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie()
 
 def test_perfect_outputs_have_next_to_no_loss() -> None:
     targets = targets_of(POSES)
-    terms = loss_terms(*perfect_outputs(targets), targets, PINHOLE)
+    terms = E_LOSS(*perfect_outputs(targets), targets, PINHOLE)
     assert terms["pose"] == 0
     assert terms["tip"] < 0.1  # next to the peak the truth is neither 0 nor 1
     assert terms["mask"] < 0.5  # half the resolution blurs the border
@@ -159,7 +158,7 @@ def test_perfect_outputs_have_next_to_no_loss() -> None:
 def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     targets = targets_of(POSES)
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
-    loss_terms(mask + 0.1, maps + 0.1, targets, PINHOLE)["loss"].backward()
+    E_LOSS(mask + 0.1, maps + 0.1, targets, PINHOLE)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
@@ -171,7 +170,7 @@ def test_an_image_without_poses_teaches_its_mask_alone() -> None:
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
     known = targets.instances[[0, 0]]
     known[1, :, :50] = UNKNOWN
-    loss_terms(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
+    E_LOSS(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[1].any() and not maps.grad[1].any()
     assert not mask.grad[1, :, :, :24].any()  # half the resolution
@@ -180,7 +179,7 @@ def test_an_image_without_poses_teaches_its_mask_alone() -> None:
 def test_the_border_weighs_ten_times_as_much() -> None:
     truth = torch.zeros(1, 41, 41)
     truth[:, :, :20] = 1
-    weight = border_weight(truth)[0, 20]
+    weight = E_LOSS.border_weight(truth)[0, 20]
     assert weight[19] == weight[20] == 10
     assert weight[22] == pytest.approx(1 + 9 * np.exp(-2 / 2.5))
     assert weight[0] == weight[-1] == 1
@@ -188,7 +187,7 @@ def test_the_border_weighs_ten_times_as_much() -> None:
 
 def test_the_network_learns_one_image_by_heart() -> None:
     torch.manual_seed(0)
-    network = DenseNetwork((8, 8, 8, 16), PINHOLE, Shaft(DIAMETER_MM, LENGTH_MM))
+    network = DenseNetwork((8, 8, 8, 16), PINHOLE, Shaft(DIAMETER_MM, LENGTH_MM), E_LOSS)
     targets = targets_of(POSES)
     assert targets.instances is not None
     image = (targets.instances[:, None] > 0).float().expand(-1, 3, -1, -1) * 2 - 1

@@ -6,10 +6,11 @@ direction of the axis. An edge reader, which shares nothing with it but the imag
 it.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
+from pydantic import validate_call
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -17,7 +18,7 @@ from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.decoding import decode
 from shaftpose.network.dense.edge_reader import EdgeReader
 from shaftpose.network.dense.edge_samples import edge_samples
-from shaftpose.network.dense.loss import loss_terms
+from shaftpose.network.dense.loss import DenseLoss
 from shaftpose.network.dense.pinhole import Pinhole
 from shaftpose.network.dense.residual import Residual, conv_norm_relu
 from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
@@ -25,9 +26,9 @@ from shaftpose.refinement.contour import Shaft
 from shaftpose.settings.schema import (
     CameraSettings,
     DetectionSettings,
-    LossSettings,
-    PoseRanges,
-    Size,
+    Distortion,
+    PositiveInt,
+    ShaftSettings,
 )
 
 MAPS = 7  # tip; offset to the tip (2); depth; axis (3)
@@ -49,9 +50,12 @@ class DenseNetwork(MaskNetwork):
 
     needs_instances = True
 
-    def __init__(self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None) -> None:
+    def __init__(
+        self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None, loss: DenseLoss
+    ) -> None:
         super().__init__()
-        self.pinhole, self.shaft = pinhole, shaft
+        self.pinhole, self.shaft, self.loss = pinhole, shaft, loss
+        self.side_px = pinhole.side_px
         self.edges = None if shaft is None else EdgeReader()
         before = (3, *channels[:-1])
         self.down = nn.ModuleList(
@@ -85,7 +89,7 @@ class DenseNetwork(MaskNetwork):
 
     def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
         """The loss and its mask, tip, pose and edge terms."""
-        terms = loss_terms(outputs.mask, outputs.maps, targets, self.pinhole)
+        terms = self.loss(outputs.mask, outputs.maps, targets, self.pinhole)
         if self.edges is None or self.shaft is None:
             return terms
         samples = edge_samples(outputs.images, targets, self.shaft, self.pinhole.camera)
@@ -110,21 +114,19 @@ class DenseNetwork(MaskNetwork):
         return wide.sigmoid()[:, 0]
 
 
+@validate_call
 def dense_network(
-    size: Size,
+    channels: tuple[PositiveInt, ...],
     camera: CameraSettings,
-    poses: PoseRanges,
-    loss: LossSettings,
-    channels: Sequence[int],
-    shaft: Mapping[str, Any],
-    distortion: Mapping[str, Sequence[float]],
+    shaft: ShaftSettings,
+    distortion: Distortion,
+    loss: DenseLoss,
 ) -> DenseNetwork:
-    """Build the network.
+    """Build the network from the values in a variant's file.
 
-    shaft, distortion: `shaft` and `lens.distortion` of params.yaml. The outline of an instrument
-    from a CAD file, or through a distorting lens, is not known.
+    The outline of an instrument from a CAD file, or through a distorting lens, is not known.
     """
-    known = not shaft["cad"] and not any(map(any, distortion.values()))
-    outlined = Shaft(shaft["diameter_mm"], shaft["length_mm"], shaft["tip"] == "flat")
+    known = shaft.cad is None and not any((*distortion.k1, *distortion.k2))
+    outlined = Shaft(shaft.diameter_mm, shaft.length_mm, shaft.tip == "flat")
     pinhole = Pinhole(camera.size_px, camera.view_deg)
-    return DenseNetwork(channels, pinhole, outlined if known else None)
+    return DenseNetwork(channels, pinhole, outlined if known else None, loss)

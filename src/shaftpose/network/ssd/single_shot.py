@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from pydantic import ConfigDict, validate_call
 from torch import Tensor, nn
 
 from shaftpose.dataset.batches import Targets
@@ -12,13 +13,7 @@ from shaftpose.network.ssd.heads import HeadOutputs
 from shaftpose.network.ssd.inception_v4 import InceptionV4Features
 from shaftpose.network.ssd.loss import ShaftLoss
 from shaftpose.network.ssd.pose_coding import PoseCoder
-from shaftpose.settings.schema import (
-    CameraSettings,
-    DetectionSettings,
-    LossSettings,
-    PoseRanges,
-    Size,
-)
+from shaftpose.settings.schema import DetectionSettings, PoseRanges
 
 
 class SingleShotNetwork(PoseNetwork):
@@ -64,19 +59,16 @@ class SingleShotNetwork(PoseNetwork):
         return decode(outputs, self.defaults, self.pose_coder, limits)
 
 
+@validate_call(config=ConfigDict(arbitrary_types_allowed=True))
 def single_shot_network(
-    size: Size,
-    camera: CameraSettings,
-    poses: PoseRanges,
-    loss: LossSettings,
-    backbone: Callable[..., InceptionV4Features],
+    backbone: InceptionV4Features,
     head: Callable[..., nn.Module],
     pose_coder: Callable[..., PoseCoder],
+    poses: PoseRanges,
+    loss: ShaftLoss,
 ) -> SingleShotNetwork:
-    """Build the network of the settings from the components named in a variant's file."""
-    return SingleShotNetwork(
-        backbone=backbone(width=size.width, depth=size.depth),
-        head=head,
-        pose_coder=pose_coder(poses.low, poses.high),
-        loss=ShaftLoss(loss.alpha, loss.beta, loss.gamma),
-    )
+    """Build the network from the components in a variant's file.
+
+    pose_coder: built from the lower and the upper ends of the ranges `poses`.
+    """
+    return SingleShotNetwork(backbone, head, pose_coder(poses.low, poses.high), loss)
