@@ -73,7 +73,10 @@ def sample(
             "seed": SEED,
             "index": index,
             "light": {"strength": 1000.0 + index, "kelvin": 5000.0, "ambient": 1.0},
-            "steels": [{"grey": 0.6, "roughness": 0.2 + 0.1 * n} for n in range(len(poses))],
+            "steels": [
+                {"grey": 0.6, "roughness": 0.2 + 0.1 * n, "scratches": 0.1, "grain": 1.0}
+                for n in range(len(poses))
+            ],
             "occluders": [],
             "tries": 4 * max(len(poses), 1),
         }

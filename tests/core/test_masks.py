@@ -1,11 +1,9 @@
 """Masks of shafts."""
 
-import json
-
 import numpy as np
 import pytest
 
-from shaftpose.core.masks import crossed_share, decode_mask, encode_mask, is_crossed, mask_box
+from shaftpose.core.masks import RunLengths, crossed_share, is_crossed, mask_box
 
 
 def test_mask_box_by_hand() -> None:
@@ -42,11 +40,11 @@ def test_a_shaft_is_crossed_if_the_share_is_wanted_and_not_nothing() -> None:
 def test_run_lengths_by_hand() -> None:
     # Column by column: (0, 1), (1, 1), (0, 0) are 0 1 1 1 0 0: one zero, three ones, two zeros.
     mask = np.array([[0, 1, 0], [1, 1, 0]], dtype=bool)
-    assert encode_mask(mask) == {"counts": [1, 3, 2], "size": [2, 3]}
+    assert RunLengths.of(mask) == RunLengths([1, 3, 2], (2, 3))
     # Counts start with the zeros: 0 if the first pixel is set.
-    assert encode_mask(~mask) == {"counts": [0, 1, 3, 2], "size": [2, 3]}
-    assert encode_mask(np.zeros((2, 3), dtype=bool))["counts"] == [6]
-    assert encode_mask(np.ones((2, 3), dtype=bool))["counts"] == [0, 6]
+    assert RunLengths.of(~mask) == RunLengths([0, 1, 3, 2], (2, 3))
+    assert RunLengths.of(np.zeros((2, 3), dtype=bool)).counts == [6]
+    assert RunLengths.of(np.ones((2, 3), dtype=bool)).counts == [0, 6]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
@@ -54,12 +52,12 @@ def test_run_lengths_round_trip_and_mean_what_coco_says(share: float) -> None:
     rng = np.random.default_rng(3)
     for height, width in [(1, 1), (1, 9), (7, 1), (13, 17)]:
         mask = rng.random((height, width)) < share
-        encoded = json.loads(json.dumps(encode_mask(mask)))
-        np.testing.assert_array_equal(decode_mask(encoded), mask)
+        encoded = RunLengths.of(mask)
+        np.testing.assert_array_equal(encoded.mask(), mask)
         # COCO: runs of zeros and ones in turn; pixel n is row n mod height of column n / height.
         picture = np.zeros((height, width), dtype=bool)
         n = 0
-        for turn, run in enumerate(encoded["counts"]):
+        for turn, run in enumerate(encoded.counts):
             for _ in range(run):
                 picture[n % height, n // height] = turn % 2 == 1
                 n += 1

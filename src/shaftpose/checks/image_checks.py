@@ -9,14 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.checks.image_facts import ImageFacts, ShaftFacts
-from shaftpose.checks.rendered_image import (
-    AnnotatedImage,
-    CameraFacts,
-    Extent,
-    ModelPose,
-    SceneFacts,
-    read_image,
-)
+from shaftpose.checks.rendered_image import AnnotatedImage, SceneFacts, read_image
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import (
     Array,
@@ -27,8 +20,14 @@ from shaftpose.core.geometry import (
     segment_distance,
 )
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.core.masks import crossed_share, is_crossed, mask_box
-from shaftpose.core.samples import SHAFT_OBJECT_ID
+from shaftpose.core.masks import crossed_share, is_crossed
+from shaftpose.core.shard_schema import (
+    SHAFT_OBJECT_ID,
+    CameraFile,
+    ExtentEntry,
+    PoseEntry,
+    corner_and_size,
+)
 from shaftpose.rendering.optics import camera_with
 from shaftpose.settings.schema import LensSettings, PoseRanges, RenderSettings, SceneSettings
 
@@ -123,7 +122,7 @@ def _problems(
         least = settings.scene.min_visible_px
         for problem in (
             *_masks(image.masks[n], image.amodal_masks[n], image.extents[n], least),
-            *_model_pose(image.model_poses[n], pose, facts.rolls[n]),
+            *_pose_entry(image.pose_entries[n], pose, facts.rolls[n]),
             *_pose(pose, settings.poses, camera),
         ):
             yield f"shaft {n}: {problem}"
@@ -133,10 +132,11 @@ def _problems(
     yield from _collisions(facts.shafts, settings.scene.lens_radius_mm, body)
 
 
-def _lens(found: CameraFacts, camera: Camera, lens: LensSettings) -> Iterator[str]:
+def _lens(found: CameraFile, camera: Camera, lens: LensSettings) -> Iterator[str]:
     """Check camera.json against the settings."""
-    if not np.allclose(found.intrinsics, camera.matrix, rtol=0, atol=_ROUNDING):
-        yield f"cam_K = {found.cam_K}, not {camera.matrix.ravel().tolist()}"
+    expected = CameraFile.of(camera).cam_K
+    if not np.allclose(found.cam_K, expected, rtol=0, atol=_ROUNDING):
+        yield f"cam_K = {found.cam_K}, not {expected}"
     ranges = {"k1": lens.distortion.k1, "k2": lens.distortion.k2}
     for value, (name, (low, high)) in zip(found.distortion, ranges.items(), strict=True):
         if not low <= value <= high:
@@ -212,7 +212,7 @@ def _background(facts: SceneFacts, backgrounds: Mapping[str, str]) -> Iterator[s
 
 
 def _masks(
-    mask: NDArray[np.bool_], amodal: NDArray[np.bool_], extent: Extent, least_px: int
+    mask: NDArray[np.bool_], amodal: NDArray[np.bool_], extent: ExtentEntry, least_px: int
 ) -> Iterator[str]:
     """Check boxes, counts and fraction against the visible and the amodal mask (H, W)."""
     visible, whole = int(mask.sum()), int(amodal.sum())
@@ -229,10 +229,10 @@ def _masks(
         yield f"px_count_valid = {extent.px_count_valid}: the amodal mask has {whole} px"
     if whole and abs(extent.visib_fract - visible / whole) > _ROUNDING:
         yield f"visib_fract = {extent.visib_fract}: {visible} of {whole} px are {visible / whole}"
-    if visible and extent.bbox_visib != _corner_and_size(mask):
-        yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {_corner_and_size(mask)}"
-    if whole and extent.bbox_obj != _corner_and_size(amodal):
-        yield f"bbox_obj = {extent.bbox_obj}: the amodal extent is {_corner_and_size(amodal)}"
+    if visible and extent.bbox_visib != corner_and_size(mask):
+        yield f"bbox_visib = {extent.bbox_visib}: the mask's extent is {corner_and_size(mask)}"
+    if whole and extent.bbox_obj != corner_and_size(amodal):
+        yield f"bbox_obj = {extent.bbox_obj}: the amodal extent is {corner_and_size(amodal)}"
 
 
 def _unlike_cylinders(image: AnnotatedImage, depths: list[Array] | None) -> Iterator[str]:
@@ -247,22 +247,17 @@ def _unlike_cylinders(image: AnnotatedImage, depths: list[Array] | None) -> Iter
             yield f"shaft {n}: {wrong} px of its amodal mask differ from its pose's silhouette"
 
 
-def _corner_and_size(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    x0, y0, x1, y1 = mask_box(mask)
-    return x0, y0, x1 - x0, y1 - y0
-
-
-def _model_pose(model: ModelPose, pose: ShaftPose, roll_deg: float) -> Iterator[str]:
+def _pose_entry(entry: PoseEntry, pose: ShaftPose, roll_deg: float) -> Iterator[str]:
     """Check gt.json against the pose of shaft.json. Axes are compared, not angles: several yaws
     give the same axis."""
-    if model.obj_id != SHAFT_OBJECT_ID:
-        yield f"obj_id = {model.obj_id}, not {SHAFT_OBJECT_ID}"
-    rotation = model.rotation
+    if entry.obj_id != SHAFT_OBJECT_ID:
+        yield f"obj_id = {entry.obj_id}, not {SHAFT_OBJECT_ID}"
+    rotation = np.reshape(entry.cam_R_m2c, (3, 3))
     if not _is_rotation(rotation):
-        yield f"cam_R_m2c = {model.cam_R_m2c}: not a rotation matrix"
-    found = pose_from_rotation(rotation, np.array(model.cam_t_m2c))
+        yield f"cam_R_m2c = {entry.cam_R_m2c}: not a rotation matrix"
+    found = pose_from_rotation(rotation, np.array(entry.cam_t_m2c))
     if not np.allclose(found.tip_mm, pose.tip_mm, rtol=0, atol=_ROUNDING):
-        yield f"cam_t_m2c = {model.cam_t_m2c}: shaft.json says {pose.tip_mm.tolist()}"
+        yield f"cam_t_m2c = {entry.cam_t_m2c}: shaft.json says {pose.tip_mm.tolist()}"
     if not np.allclose(found.direction, pose.direction, rtol=0, atol=_ROUNDING):
         yield (
             f"cam_R_m2c has pitch {found.pitch_deg:.4f} and yaw {found.yaw_deg:.4f} deg: "
@@ -271,7 +266,7 @@ def _model_pose(model: ModelPose, pose: ShaftPose, roll_deg: float) -> Iterator[
     elif _is_rotation(rotation) and not np.allclose(
         rotation, pose.rolled(roll_deg), rtol=0, atol=_ROUNDING
     ):
-        yield f"cam_R_m2c = {model.cam_R_m2c}: shaft.json says roll {roll_deg:g} deg"
+        yield f"cam_R_m2c = {entry.cam_R_m2c}: shaft.json says roll {roll_deg:g} deg"
 
 
 def _is_rotation(matrix: Array) -> bool:

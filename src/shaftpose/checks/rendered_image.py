@@ -6,86 +6,22 @@ training uses.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pydantic
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Array, ShaftPose
+from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import decode_rgb
-from shaftpose.core.masks import decode_mask
+from shaftpose.core.masks import RunLengths
+from shaftpose.core.shard_schema import CameraFile, ExtentEntry, PoseEntry
+from shaftpose.rendering.scene import Light, Steel
 from shaftpose.settings.schema import Count
 
 _FINITE = ConfigDict(allow_inf_nan=False)
-_Matrix = Annotated[list[float], Field(min_length=9, max_length=9)]  # (3, 3), row by row
-_Box = tuple[int, int, int, int]  # x, y, width, height
-
-
-@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class CameraFacts:
-    """camera.json; pinholes omit `distortion`, and images without a round field `field_px`."""
-
-    cam_K: _Matrix
-    distortion: tuple[float, float] = (0.0, 0.0)  # OpenCV's k1, k2
-    field_px: float | None = None
-
-    @property
-    def intrinsics(self) -> Array:
-        """(3, 3) the matrix K."""
-        return np.array(self.cam_K).reshape(3, 3)
-
-
-@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class ModelPose:
-    """An entry of gt.json: the transformation from the shaft's to the camera's frame."""
-
-    cam_R_m2c: _Matrix
-    cam_t_m2c: tuple[float, float, float]
-    obj_id: int
-
-    @property
-    def rotation(self) -> Array:
-        """(3, 3) from shaft to camera frame."""
-        return np.array(self.cam_R_m2c).reshape(3, 3)
-
-
-@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class Extent:
-    """An entry of gt_info.json: boxes as x, y, width, height px, and pixel counts."""
-
-    bbox_obj: _Box
-    bbox_visib: _Box
-    px_count_all: int
-    px_count_valid: int
-    px_count_visib: int
-    visib_fract: float
-
-
-@pydantic.dataclasses.dataclass(frozen=True)
-class _RunLengths:
-    """An entry of mask.json or mask_visib.json."""
-
-    counts: list[Count]
-    size: tuple[int, int]
-
-
-@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class Light:
-    """The light of shaft.json."""
-
-    strength: float
-    kelvin: float
-    ambient: float
-
-
-@pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class Steel:
-    """The fields of a steel in shaft.json that checks use."""
-
-    roughness: float
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
@@ -120,13 +56,15 @@ class SceneFacts:
         return [0.0] * len(self.shafts) if self.rolls_deg is None else self.rolls_deg
 
 
-# Type of each JSON member.
+# Types of the JSON files. Lists hand their configuration on to their entries.
 _KINDS: dict[str, TypeAdapter[Any]] = {
-    "camera.json": TypeAdapter(CameraFacts),
-    "gt.json": TypeAdapter(list[ModelPose]),
-    "gt_info.json": TypeAdapter(list[Extent]),
-    "mask.json": TypeAdapter(dict[str, _RunLengths]),
-    "mask_visib.json": TypeAdapter(dict[str, _RunLengths]),
+    "camera.json": TypeAdapter(
+        pydantic.dataclasses.dataclass(CameraFile, frozen=True, config=_FINITE)
+    ),
+    "gt.json": TypeAdapter(list[PoseEntry], config=_FINITE),
+    "gt_info.json": TypeAdapter(list[ExtentEntry], config=_FINITE),
+    "mask.json": TypeAdapter(dict[str, RunLengths]),
+    "mask_visib.json": TypeAdapter(dict[str, RunLengths]),
     "shaft.json": TypeAdapter(SceneFacts),
 }
 
@@ -139,9 +77,9 @@ class AnnotatedImage:
     """
 
     jpeg: bytes
-    camera: CameraFacts
-    model_poses: list[ModelPose]
-    extents: list[Extent]
+    camera: CameraFile
+    pose_entries: list[PoseEntry]
+    extents: list[ExtentEntry]
     masks: list[NDArray[np.bool_]]
     amodal_masks: list[NDArray[np.bool_]]
     facts: SceneFacts
@@ -164,7 +102,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     return AnnotatedImage(
         jpeg=jpeg,
         camera=parts["camera.json"],
-        model_poses=parts["gt.json"],
+        pose_entries=parts["gt.json"],
         extents=parts["gt_info.json"],
         masks=_masks(parts["mask_visib.json"], "mask_visib.json", size_px),
         amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
@@ -202,9 +140,7 @@ def _agree(found: int, shafts: int, where: str) -> None:
         raise InputError(f"{where}: {found} entries for the {shafts} shafts of shaft.json")
 
 
-def _masks(
-    encoded: Mapping[str, _RunLengths], suffix: str, size_px: int
-) -> list[NDArray[np.bool_]]:
+def _masks(encoded: Mapping[str, RunLengths], suffix: str, size_px: int) -> list[NDArray[np.bool_]]:
     """The masks in the order of their numbers."""
     masks = []
     for number in range(len(encoded)):
@@ -217,5 +153,7 @@ def _masks(
                 f"{suffix}: mask {number} has {pixels} px and the size {runs.size}, not "
                 f"{size_px} x {size_px}"
             )
-        masks.append(decode_mask({"counts": runs.counts, "size": runs.size}))
+        if min(runs.counts) < 0:
+            raise InputError(f"{suffix}: mask {number} has a run of {min(runs.counts)} px")
+        masks.append(runs.mask())
     return masks

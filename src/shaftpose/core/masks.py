@@ -1,7 +1,7 @@
 """Masks of shafts: their boxes and run lengths, and how far one hides another."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,18 +33,30 @@ def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
     return share > 0 and low <= share <= high
 
 
-def encode_mask(mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """COCO's uncompressed run lengths of an (H, W) mask, column by column, starting with zeros."""
-    flat = mask.ravel(order="F")
-    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    edges = np.concatenate([[0], changes, [flat.size]])
-    runs = np.diff(edges).tolist()
-    return {"counts": [0, *runs] if flat[0] else runs, "size": list(mask.shape)}
+@dataclass(frozen=True)
+class RunLengths:
+    """A mask as COCO's uncompressed run lengths.
 
+    counts: lengths of the runs of zeros and ones in turn, zeros first, column by column; size:
+    height and width.
+    """
 
-def decode_mask(encoded: Mapping[str, Any]) -> NDArray[np.bool_]:
-    """Inverse of `encode_mask`: an (H, W) mask."""
-    counts = np.asarray(encoded["counts"], dtype=np.int64)
-    values = np.arange(len(counts)) % 2 == 1
-    height, width = encoded["size"]
-    return np.repeat(values, counts).reshape((width, height)).T
+    counts: list[int]
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, mask: NDArray[np.bool_]) -> "RunLengths":
+        """The run lengths of a mask (H, W)."""
+        flat = mask.ravel(order="F")
+        changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+        edges = np.concatenate([[0], changes, [flat.size]])
+        runs = np.diff(edges).tolist()
+        height, width = mask.shape
+        return cls([0, *runs] if flat[0] else runs, (height, width))
+
+    def mask(self) -> NDArray[np.bool_]:
+        """The mask (H, W). Raises ValueError if a count is negative or the sum is wrong."""
+        counts = np.asarray(self.counts, dtype=np.int64)
+        values = np.arange(len(counts)) % 2 == 1
+        height, width = self.size
+        return np.repeat(values, counts).reshape((width, height)).T

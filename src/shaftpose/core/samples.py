@@ -1,4 +1,4 @@
-"""One annotated image, and the members of a shard that hold it: BOP's, and `.shaft.json`."""
+"""One annotated image, and its files in a shard."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,30 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.images import encode_jpeg
-from shaftpose.core.masks import encode_mask, mask_box
-
-SHAFT_OBJECT_ID = 1
-# The members of one sample.
-SUFFIXES = (
-    "rgb.jpg",
-    "camera.json",
-    "gt.json",
-    "gt_info.json",
-    "mask.json",
-    "mask_visib.json",
-    "shaft.json",
-)
+from shaftpose.core.images import Image, encode_jpeg
+from shaftpose.core.masks import RunLengths
+from shaftpose.core.shard_schema import CameraFile, ExtentEntry, PoseEntry, to_json
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """One shaft of one image: its visible mask and its amodal (visible and hidden) mask, (H, W)."""
+    """One shaft of one image: its visible mask and its amodal (visible and hidden) mask, (H, W).
+
+    roll_deg: roll about its axis; 0 where no roll is visible.
+    """
 
     pose: ShaftPose
     mask: NDArray[np.bool_]
     amodal_mask: NDArray[np.bool_]
-    roll_deg: float = 0.0  # about its axis, where it is visible
+    roll_deg: float = 0.0
 
     @property
     def visible_fraction(self) -> float:
@@ -42,13 +34,16 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Sample:
-    """One image with its annotations; `rgb` is (H, W, 3) uint8."""
+    """One image (H, W, 3) with its annotations.
+
+    facts: the renderer's description of the scene, for shaft.json.
+    """
 
     key: str
-    rgb: NDArray[np.uint8]
+    rgb: Image
     instruments: tuple[Instrument, ...]
     camera: Camera
-    facts: Mapping[str, Any]  # background, light, seeds: the free part of shaft.json
+    facts: Mapping[str, Any]
 
 
 def sample_key(index: int) -> str:
@@ -57,64 +52,20 @@ def sample_key(index: int) -> str:
 
 
 def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
-    """The members of one sample, suffix -> bytes."""
-    parts: dict[str, Any] = {
-        "camera.json": _bop_camera(sample.camera),
-        "gt.json": [_bop_pose(i) for i in sample.instruments],
-        "gt_info.json": [_bop_info(i) for i in sample.instruments],
-        "mask.json": _masks([i.amodal_mask for i in sample.instruments]),
-        "mask_visib.json": _masks([i.mask for i in sample.instruments]),
-        "shaft.json": {
-            "shafts": [vars(i.pose) for i in sample.instruments],
-            **sample.facts,
-        },
+    """The files of one sample: suffix -> bytes."""
+    shafts = sample.instruments
+    contents: dict[str, Any] = {
+        "camera.json": to_json(CameraFile.of(sample.camera)),
+        "gt.json": [to_json(PoseEntry.of(shaft.pose, shaft.roll_deg)) for shaft in shafts],
+        "gt_info.json": [to_json(ExtentEntry.of(s.mask, s.amodal_mask)) for s in shafts],
+        "mask.json": _run_lengths([shaft.amodal_mask for shaft in shafts]),
+        "mask_visib.json": _run_lengths([shaft.mask for shaft in shafts]),
+        "shaft.json": {"shafts": [vars(shaft.pose) for shaft in shafts], **sample.facts},
     }
     return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
-        name: json.dumps(part).encode() for name, part in parts.items()
+        suffix: json.dumps(content).encode() for suffix, content in contents.items()
     }
 
 
-def _masks(masks: Sequence[NDArray[np.bool_]]) -> dict[str, Any]:
-    return {str(n): encode_mask(mask) for n, mask in enumerate(masks)}
-
-
-def _bop_camera(camera: Camera) -> dict[str, Any]:
-    """BOP's keys, plus `distortion` and `field_px` for cameras that are not plain pinholes."""
-    about: dict[str, Any] = {"cam_K": camera.matrix.ravel().tolist(), "depth_scale": 1.0}
-    if camera.k1 or camera.k2:
-        about["distortion"] = [camera.k1, camera.k2]
-    if camera.field_px is not None:
-        about["field_px"] = camera.field_px
-    return about
-
-
-def _bop_pose(instrument: Instrument) -> dict[str, Any]:
-    return {
-        "cam_R_m2c": instrument.pose.rolled(instrument.roll_deg).ravel().tolist(),
-        "cam_t_m2c": instrument.pose.tip_mm.tolist(),
-        "obj_id": SHAFT_OBJECT_ID,
-    }
-
-
-def _bop_info(instrument: Instrument) -> dict[str, Any]:
-    pixels = int(instrument.amodal_mask.sum())
-    return {
-        "bbox_obj": _corner_and_size(mask_box(instrument.amodal_mask)),
-        "bbox_visib": _corner_and_size(mask_box(instrument.mask)),
-        "px_count_all": pixels,
-        "px_count_valid": pixels,
-        "px_count_visib": int(instrument.mask.sum()),
-        "visib_fract": instrument.visible_fraction,
-    }
-
-
-def _corner_and_size(box: tuple[int, int, int, int]) -> list[int]:
-    """A box in BOP's form: x, y, width, height."""
-    x0, y0, x1, y1 = box
-    return [x0, y0, x1 - x0, y1 - y0]
-
-
-def corners(box: Sequence[int]) -> tuple[int, int, int, int]:
-    """A box x0, y0, x1, y1 from BOP's form."""
-    x, y, width, height = box
-    return x, y, x + width, y + height
+def _run_lengths(masks: Sequence[NDArray[np.bool_]]) -> dict[str, Any]:
+    return {str(number): to_json(RunLengths.of(mask)) for number, mask in enumerate(masks)}

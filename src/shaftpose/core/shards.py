@@ -1,8 +1,6 @@
 """Datasets on disk: tar shards in BOP's WebDataset form, read by offset.
 
-A shard holds, per image, `{key}.rgb.jpg`, `.camera.json`, `.gt.json`, `.gt_info.json`,
-`.mask.json` and `.mask_visib.json` (run lengths) and our own `.shaft.json`; see
-docs/data_format.md.
+`shaftpose.core.shard_schema` and docs/data_format.md describe the files of an image.
 """
 
 import json
@@ -19,8 +17,8 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import decode_rgb
 from shaftpose.core.instruments import Annotations
-from shaftpose.core.masks import decode_mask
-from shaftpose.core.samples import SUFFIXES, corners
+from shaftpose.core.masks import RunLengths
+from shaftpose.core.shard_schema import SUFFIXES, CameraFile, ExtentEntry, from_json
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class ShardedDataset:
         facts, infos = self.facts(key), self._json(key, "gt_info.json")
         try:
             poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
-            boxes = [corners(info["bbox_visib"]) for info in infos]
+            boxes = [from_json(ExtentEntry, info).visible_corners for info in infos]
             both = [(*box, *pose) for box, pose in zip(boxes, poses, strict=True)]
             values = np.array(both, dtype=np.float64).reshape(-1, 9)
         except (KeyError, TypeError, ValueError) as error:
@@ -95,17 +93,15 @@ class ShardedDataset:
         about = self._json(key, "camera.json")
         height, width = self.rgb(key).shape[:2]
         try:
-            focal_px, _, cx, _, _, cy, *_ = about["cam_K"]
-            k1, k2 = about.get("distortion", (0.0, 0.0))
-        except (KeyError, TypeError, ValueError) as error:
+            return from_json(CameraFile, about).camera(width, height)
+        except (TypeError, ValueError) as error:
             raise self._damaged(key, "camera.json", "camera") from error
-        return Camera(width, height, focal_px, cx, cy, k1, k2, about.get("field_px"))
 
     def masks(self, key: str) -> list[NDArray[np.bool_]]:
         """The visible mask (H, W) of each instrument of one image."""
         encoded = self._json(key, "mask_visib.json")
         try:
-            return [decode_mask(encoded[str(n)]) for n in range(len(encoded))]
+            return [from_json(RunLengths, encoded[str(n)]).mask() for n in range(len(encoded))]
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(key, "mask_visib.json", "mask") from error
 
@@ -113,8 +109,8 @@ class ShardedDataset:
         """The visible share of each instrument of one image."""
         infos = self._json(key, "gt_info.json")
         try:
-            return [float(info["visib_fract"]) for info in infos]
-        except (KeyError, TypeError, ValueError) as error:
+            return [float(from_json(ExtentEntry, info).visib_fract) for info in infos]
+        except (TypeError, ValueError) as error:
             raise self._damaged(key, "gt_info.json", "visible share") from error
 
     def facts(self, key: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.files import new_file, write_json
-from shaftpose.core.samples import SHAFT_OBJECT_ID
+from shaftpose.core.shard_schema import SHAFT_OBJECT_ID
 from shaftpose.rendering.shapes import Shape
 
 
