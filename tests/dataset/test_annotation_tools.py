@@ -11,8 +11,9 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
-from shaftpose.dataset.coco import check_masks, load_square, read_coco
+from shaftpose.dataset.coco import check_masks, read_coco
 from shaftpose.dataset.real_folder import copy_real
+from shaftpose.dataset.real_images import load_square
 
 OUTLINE = [10.0, 5.0, 30.0, 5.0, 30.0, 35.0, 10.0, 35.0]
 BOX = [10.0, 5.0, 20.0, 30.0]

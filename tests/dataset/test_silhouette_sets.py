@@ -11,7 +11,8 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.dataset.coco import write_coco
+from shaftpose.dataset.real_images import RealSample
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 
 SIDE = 32

@@ -20,7 +20,7 @@ from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import Batch
-from shaftpose.dataset.coco import RealImage, RealInstrument
+from shaftpose.dataset.real_images import RealImage, RealInstrument
 from shaftpose.dataset.run_lengths import encode
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import (

@@ -14,7 +14,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.drawing import contact_sheet, draw_real, draw_sample, evenly_spaced
 
 if TYPE_CHECKING:
-    from shaftpose.dataset.coco import RealImage
+    from shaftpose.dataset.real_images import RealImage
 
 
 def run(options: argparse.Namespace) -> None:
@@ -44,7 +44,9 @@ def real_images(folder: Path) -> list["RealImage"]:
 
 def draw_squares(images: Sequence["RealImage"]) -> list[Image]:
     """Central squares, all of the smallest one's size, with boxes and, where known, masks."""
-    from shaftpose.dataset.coco import load_square  # its packages are there: `real_images` read
+    from shaftpose.dataset.real_images import (
+        load_square,  # its packages are there: `real_images` read
+    )
 
     side_px = min(min(image.width, image.height) for image in images)
     squares = [load_square(image, side_px) for image in images]

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import new_file
-from shaftpose.dataset.coco import check_masks, read_coco, read_pixels
+from shaftpose.dataset.coco import check_masks, read_coco
+from shaftpose.dataset.real_images import read_pixels
 
 PARTS = ("train", "test")
 

@@ -12,7 +12,8 @@ from shaftpose.core.geometry import Camera, projected_axes
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.coco import load_square, read_coco
+from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.real_images import load_square
 
 OCCLUSIONS = ("clear", "occluded")
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from shaftpose.core.geometry import projected_axes
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.coco import RealSample, write_coco
+from shaftpose.dataset.coco import write_coco
+from shaftpose.dataset.real_images import RealSample
 
 
 def write_stand_in(rendered: Path, out: Path) -> None:

@@ -17,7 +17,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import Batch, Targets
-from shaftpose.dataset.coco import RealImage, load_square
+from shaftpose.dataset.real_images import RealImage, load_square
 from shaftpose.dataset.similarities import random_similarity
 from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.symmetries import random_symmetry

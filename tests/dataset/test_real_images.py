@@ -1,0 +1,127 @@
+"""Pixels of real images, and the crop to a square."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.images import write_jpeg
+from shaftpose.core.masks import mask_box
+from shaftpose.dataset.real_images import RealImage, RealInstrument, load_square, read_pixels
+from shaftpose.dataset.run_lengths import encode
+
+
+def write_image(path: Path, width: int, height: int) -> None:
+    write_jpeg(np.full((height, width, 3), 90, dtype=np.uint8), path)
+
+
+def test_pixels_of_another_size_than_stated_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    write_image(path, 50, 40)
+    assert read_pixels(RealImage(path, 50, 40, ())).shape == (40, 50, 3)
+    with pytest.raises(InputError, match="50 x 40 px.*40 x 50") as caught:
+        read_pixels(RealImage(path, 40, 50, ()))
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_damaged_pixels_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    write_image(path, 50, 40)
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(InputError, match="not a readable image") as caught:
+        read_pixels(RealImage(path, 50, 40, ()))
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def wide_image(folder: Path, *instruments: RealInstrument) -> RealImage:
+    """1280 x 720: the square starts at column (1280 - 720) / 2 = 280; the scale is 299 / 720."""
+    path = folder / "wide.jpg"
+    write_image(path, 1280, 720)
+    return RealImage(path, 1280, 720, instruments)
+
+
+def box_only(*box: float) -> RealInstrument:
+    x0, y0, x1, y1 = box
+    return RealInstrument((x0, y0, x1, y1), None, occluded=False)
+
+
+def test_the_square_moves_boxes_by_hand(tmp_path: Path) -> None:
+    # x: (640 - 280) 299 / 720 = 149.5, (760 - 280) 299 / 720 = 199.333;
+    # y: 360 * 299 / 720 = 149.5, 720 -> 299.
+    sample = load_square(wide_image(tmp_path, box_only(640, 360, 760, 720)), 299)
+    assert sample.rgb.shape == (299, 299, 3)
+    np.testing.assert_allclose(sample.boxes, [[149.5, 149.5, 598 / 3, 299]])
+
+
+def test_the_square_cuts_and_drops_boxes(tmp_path: Path) -> None:
+    image = wide_image(
+        tmp_path,
+        box_only(180, 72, 580, 144),  # 300 of 400 columns remain: cut at 280
+        box_only(0, 0, 270, 100),  # left of the square
+        box_only(1000, 0, 1280, 100),  # its left edge touches the square's right one
+        box_only(201, 0, 301, 100),  # 21 of 100 columns: more than a fifth, kept
+        box_only(199, 0, 299, 100),  # 19 of 100 columns: dropped
+    )
+    # 144 * 299 / 720 = 59.8, 72 -> 29.9, (580 - 280) -> 124.583; 21 -> 8.72083, 100 -> 41.5278.
+    expected = [[0, 29.9, 124.58333, 59.8], [0, 0, 8.72083, 41.52778]]
+    sample = load_square(image, 299)
+    np.testing.assert_allclose(sample.boxes, expected, atol=1e-5)
+    assert len(sample.masks) == 2
+
+
+def test_an_occluded_shaft_outside_of_the_square_does_not_count(tmp_path: Path) -> None:
+    outside = RealInstrument((0, 0, 100, 100), None, occluded=True)
+    image = wide_image(tmp_path, outside, box_only(640, 360, 760, 720))
+    assert not load_square(image, 299).occluded
+
+
+def test_the_square_of_an_empty_image(tmp_path: Path) -> None:
+    sample = load_square(wide_image(tmp_path), 299)
+    assert sample.boxes.shape == (0, 4)
+    assert sample.masks == ()
+
+
+def masked(mask: NDArray[np.bool_], *box: float) -> RealInstrument:
+    """A shaft whose annotated box is the extent of its mask, unless another one is given."""
+    x0, y0, x1, y1 = box or mask_box(mask)
+    return RealInstrument((x0, y0, x1, y1), encode(mask), occluded=True)
+
+
+def test_the_square_moves_masks(tmp_path: Path) -> None:
+    mask = np.zeros((720, 1280), dtype=bool)
+    mask[360:720, 640:760] = True
+    sample = load_square(wide_image(tmp_path, masked(mask)), 299)
+    # As without a mask: x from 149.5 to 199.333, y from 149.5 to 299.
+    np.testing.assert_allclose(sample.boxes, [[149.5, 149.5, 598 / 3, 299]])
+    np.testing.assert_allclose(mask_box(sample.masks[0]), sample.boxes[0], atol=1)
+    assert sample.occluded
+
+
+def test_a_mask_is_enlarged(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.jpg", 60, 40)
+    mask = np.zeros((40, 60), dtype=bool)
+    mask[5:20, 20:50] = True  # the square begins at column 10
+    sample = load_square(RealImage(tmp_path / "a.jpg", 60, 40, (masked(mask),)), 80)
+    np.testing.assert_allclose(sample.boxes, [[20, 10, 80, 40]])
+    expected = np.zeros((80, 80), dtype=bool)
+    expected[10:40, 20:80] = True
+    np.testing.assert_array_equal(sample.masks, [expected])
+
+
+def test_a_shaft_whose_mask_is_beside_the_square_is_dropped(tmp_path: Path) -> None:
+    beside = np.zeros((720, 1280), dtype=bool)
+    beside[:, 1000:] = True  # the square ends there
+    image = wide_image(tmp_path, masked(beside, 0, 0, 1280, 720), box_only(640, 360, 760, 720))
+    sample = load_square(image, 299)
+    assert len(sample.boxes) == len(sample.masks) == 1
+    assert not sample.occluded
+
+
+def test_axes_follow_the_central_square(tmp_path: Path) -> None:
+    write_jpeg(np.full((100, 200, 3), 90, dtype=np.uint8), tmp_path / "a.jpg")
+    axis = ((150.0, 20.0), (190.0, 60.0))  # ends outside of the square, columns 50 to 150
+    shaft = RealInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
+    square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
+    np.testing.assert_allclose(square.axes, [[[50, 10], [70, 30]]])
