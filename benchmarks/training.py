@@ -27,8 +27,8 @@ from benchmarks.machine import machine
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.dataset.batches import Batch
-from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
+from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.model_results import ModelResults, evaluation, flat, read_curves
 from shaftpose.inference.predictor import raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import confidence_threshold

@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from shaftpose.dataset.split_lists import first_images
+from shaftpose.dataset.split import first_images
 from shaftpose.export.model_file import export_model
 from shaftpose.network.building import trained_network
 from shaftpose.settings.stage import stage

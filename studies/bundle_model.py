@@ -19,7 +19,7 @@ import onnx
 
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.export.half_weights import with_half_weights
 from shaftpose.figures.markdown import pipe_table

@@ -2,7 +2,7 @@
 
 `training.json` is a `TrainingFacts`, `about.json` an `AboutReal`, `evaluation.json` an
 `evaluation.results.Evaluation`, and `silhouette.json` holds the `SilhouetteScore` of each set of
-images. Lists of images are CSV files (`dataset.split_lists`), images shards (`core.shards`).
+images. Lists of images are CSV files (`dataset.split`), images shards (`core.shards`).
 """
 
 from collections.abc import Mapping

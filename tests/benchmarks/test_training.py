@@ -10,7 +10,7 @@ from lightning import Trainer
 from benchmarks import training
 from benchmarks.training import assignment, block_seconds, network_step, recipe_of
 from shaftpose.core.instruments import Annotations
-from shaftpose.dataset.training_data import pad_batch
+from shaftpose.dataset.batches import pad_batch
 from shaftpose.training.assembly import build_module
 from tests.pipeline.small_data import write_training_data
 

@@ -8,8 +8,14 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.dataset.split import Split, split_images, subset_with_sum, write_split
-from shaftpose.dataset.split_lists import PARTS, read_keys
+from shaftpose.dataset.split import (
+    PARTS,
+    Split,
+    read_keys,
+    split_images,
+    subset_with_sum,
+    write_split,
+)
 from shaftpose.settings.schema import SplitSettings
 
 GROUPED = SplitSettings(method="grouped", test=0.1, validation=0.05)

@@ -19,20 +19,13 @@ from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.batches import Batch
+from shaftpose.dataset.batches import Batch, LabelledImage, pad_batch
+from shaftpose.dataset.colour_transforms import UniformNoise
+from shaftpose.dataset.labelled_images import Images, RealImages, RenderedImages
 from shaftpose.dataset.real_images import RealImage, RealInstrument
 from shaftpose.dataset.run_lengths import encode
-from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.training_data import (
-    Images,
-    LabelledImage,
-    RealImages,
-    RenderedImages,
-    TrainingData,
-    TrainingStream,
-    pad_batch,
-)
-from shaftpose.dataset.transforms import UniformNoise
+from shaftpose.dataset.training_data import TrainingData
+from shaftpose.dataset.training_stream import SkippedImages, TrainingStream
 
 SIZE = 32
 BOX = [4.0, 8.0, 16.0, 24.0]

@@ -12,7 +12,10 @@ import torch
 from lightning import Callback, Trainer
 
 from shaftpose.core.instruments import Annotations
-from shaftpose.dataset.training_data import Images, LabelledImage, TrainingData, TrainingStream
+from shaftpose.dataset.batches import LabelledImage
+from shaftpose.dataset.labelled_images import Images
+from shaftpose.dataset.training_data import TrainingData
+from shaftpose.dataset.training_stream import TrainingStream
 from shaftpose.network.ssd.pose_coding import RegressionCoder
 from shaftpose.training.curves import Curves
 from shaftpose.training.module import ShaftModule

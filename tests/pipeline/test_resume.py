@@ -15,7 +15,7 @@ import torch
 from lightning import Callback, Trainer, seed_everything
 from torch import Tensor
 
-from shaftpose.dataset.skipped import SkippedImages
+from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.training.assembly import build_module, build_trainer, training_data
 from shaftpose.training.curves import Curves
 from shaftpose.training.run import fit

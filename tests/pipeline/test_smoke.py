@@ -37,7 +37,7 @@ def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> N
 
 def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
     from shaftpose.core.shards import ShardedDataset
-    from shaftpose.dataset.split_lists import read_keys
+    from shaftpose.dataset.split import read_keys
 
     shards = ShardedDataset(finished / "data/render/images")
     keys = {

@@ -14,7 +14,7 @@ import yaml
 from torch import nn
 
 from shaftpose.core.shards import shard_paths
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves

@@ -10,10 +10,10 @@ import torch
 from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import Detections
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split_lists import first_images, read_keys
-from shaftpose.dataset.training_data import TrainingData, TrainingStream
-from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
+from shaftpose.dataset.split import first_images, read_keys
+from shaftpose.dataset.training_data import TrainingData
+from shaftpose.dataset.training_stream import SkippedImages, TrainingStream
 from shaftpose.export.model_file import validated_confidence
 from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.network.building import initial_network

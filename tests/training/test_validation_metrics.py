@@ -12,8 +12,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.dataset.batches import Batch
-from shaftpose.dataset.training_data import pad_batch
+from shaftpose.dataset.batches import Batch, pad_batch
 from shaftpose.metrics.metrics import Metrics, evaluate
 from shaftpose.training.assembly import build_trainer
 from shaftpose.training.curves import Curves

@@ -1,8 +1,16 @@
-"""Training batches: images and the instruments in them."""
+"""Training batches: labelled images, padded and stacked."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+import torch
 from torch import Tensor
+
+from shaftpose.core.images import Image
+from shaftpose.core.instruments import UNKNOWN, Annotations
+
+LabelledImage = tuple[Image, Annotations]
 
 
 class Targets(NamedTuple):
@@ -28,3 +36,47 @@ class Batch(NamedTuple):
 
     images: Tensor
     targets: Targets
+
+
+def pad_batch(items: Sequence[LabelledImage]) -> Batch:
+    """Stack images and pad their instruments, to at least one so that no dimension is 0."""
+    places = max(1, *(len(annotations.boxes) for _, annotations in items))
+    boxes = np.zeros((len(items), places, 4), dtype=np.float32)
+    poses = np.zeros((len(items), places, 5), dtype=np.float32)
+    valid = np.zeros((len(items), places), dtype=bool)
+    for n, (rgb, annotations) in enumerate(items):
+        count = len(annotations.boxes)
+        boxes[n, :count] = annotations.boxes / rgb.shape[0]
+        valid[n, :count] = True
+        if annotations.poses is not None:
+            poses[n, :count] = annotations.poses
+    has_pose = torch.tensor([annotations.poses is not None for _, annotations in items])
+    targets = Targets(
+        torch.from_numpy(boxes),
+        torch.from_numpy(poses),
+        torch.from_numpy(valid),
+        has_pose,
+        _stacked_instances(items),
+        _padded_tips(items, places),
+    )
+    return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
+
+
+def _stacked_instances(items: Sequence[LabelledImage]) -> Tensor | None:
+    """Instrument maps (B, H, W) uint8, `UNKNOWN` for images without one; None if all lack it."""
+    if all(known.instances is None for _, known in items):
+        return None
+    unknown = np.full(items[0][0].shape[:2], UNKNOWN, dtype=np.uint8)
+    found = [unknown if known.instances is None else known.instances for _, known in items]
+    return torch.from_numpy(np.stack(found))
+
+
+def _padded_tips(items: Sequence[LabelledImage], places: int) -> Tensor | None:
+    """Tips (B, G, 2) px of images without poses; None if no image has any."""
+    if all(known.tips_px is None for _, known in items):
+        return None
+    tips = np.full((len(items), places, 2), np.nan, dtype=np.float32)
+    for n, (_, known) in enumerate(items):
+        if known.tips_px is not None:
+            tips[n, : len(known.tips_px)] = known.tips_px
+    return torch.from_numpy(tips)

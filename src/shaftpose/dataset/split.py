@@ -1,5 +1,6 @@
-"""Training, validation and test split."""
+"""Split of the rendered images into training, validation and test part, and its lists."""
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,8 +9,11 @@ import numpy as np
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_csv
-from shaftpose.dataset.split_lists import PARTS
+from shaftpose.core.images import Image
+from shaftpose.core.shards import ShardedDataset
 from shaftpose.settings.schema import SplitSettings
+
+PARTS = ("train", "validation", "test")
 
 
 @dataclass(frozen=True)
@@ -92,3 +96,21 @@ def write_split(split: Split, folder: Path) -> None:
     """Write one CSV file of keys for each part."""
     for part in PARTS:
         write_csv(folder / f"{part}.csv", ["key"], [[key] for key in getattr(split, part)])
+
+
+def read_keys(folder: Path, part: str) -> list[str]:
+    """The keys of one split. Raises InputError naming the file if it is missing or empty."""
+    path = folder / f"{part}.csv"
+    if not path.is_file():
+        raise InputError(f"{path}: no such list; run `dvc repro split`")
+    with path.open(newline="") as stream:
+        keys = [row["key"] for row in csv.DictReader(stream)]
+    if not keys:
+        raise InputError(f"{path}: lists no image; run `dvc repro split`")
+    return keys
+
+
+def first_images(images: Path, lists: Path, part: str, count: int) -> Image:
+    """The first images (N, 299, 299, 3) uint8 of one split."""
+    shards = ShardedDataset(images)
+    return np.stack([shards.rgb(key) for key in read_keys(lists, part)[:count]])

@@ -12,7 +12,7 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Accuracy, Evaluation
 from shaftpose.figures.accuracy_figures import (
     error_over_bound_figure,

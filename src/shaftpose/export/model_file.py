@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_facts
 from shaftpose.export.parity import Parity, check_parity, edge_difference, mask_difference
 from shaftpose.inference.learned_edges import LearnedEdges

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from shaftpose.core.files import new_file
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split_lists import read_keys
+from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.figures.accuracy_figures import precision_recall_figure
 from shaftpose.figures.binned_errors_figure import binned_error_figure

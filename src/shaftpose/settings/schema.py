@@ -357,7 +357,7 @@ class SplitSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class Augmentation:
-    """Ranges of random colour changes; see `shaftpose.dataset.transforms`."""
+    """Ranges of random colour changes; see `shaftpose.dataset.colour_transforms`."""
 
     brightness: Range
     contrast: Range
@@ -388,8 +388,8 @@ class Variant:
     training starts from, None for random ones; pose_loss: whether poses are learned, if not the
     network becomes a detector to start from; noise: half-width of the uniform noise on half of the
     training images, grey levels; real_share: share of real images in training; symmetries: whether
-    training images are mirrored and rotated, real ones also scaled; see `dataset.symmetries` and
-    `dataset.similarities`.
+    training images are mirrored and rotated, real ones also scaled; see
+    `dataset.geometric_transforms`.
     """
 
     name: str

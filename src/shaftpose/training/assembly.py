@@ -20,16 +20,11 @@ from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from shaftpose.core.errors import InputError
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.skipped import SkippedImages
-from shaftpose.dataset.split_lists import read_keys
-from shaftpose.dataset.training_data import (
-    RealImages,
-    RenderedImages,
-    TrainingData,
-    TrainingStream,
-    Transform,
-)
-from shaftpose.dataset.transforms import ColourJitter, UniformNoise
+from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
+from shaftpose.dataset.labelled_images import RealImages, RenderedImages
+from shaftpose.dataset.split import read_keys
+from shaftpose.dataset.training_data import TrainingData
+from shaftpose.dataset.training_stream import SkippedImages, TrainingStream, Transform
 from shaftpose.network.building import identity, initial_network
 from shaftpose.settings.schema import Augmentation
 from shaftpose.training.curves import Curves

@@ -8,7 +8,7 @@ from pathlib import Path
 from shaftpose.core.errors import InputError
 from shaftpose.core.shards import shard_paths
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.split_lists import PARTS, read_keys
+from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.stage_files import DataFacts, RealFacts, read_domain
 
 

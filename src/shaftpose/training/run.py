@@ -15,8 +15,8 @@ from lightning.pytorch.loggers import Logger
 from lightning.pytorch.utilities import rank_zero_only
 
 from shaftpose.core.files import new_file, write_json
-from shaftpose.dataset.skipped import SkippedImages
 from shaftpose.dataset.training_data import TrainingData
+from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.stage_files import DataFacts, TrainingFacts, read_training
 from shaftpose.training.assembly import build_module, build_trainer, training_data

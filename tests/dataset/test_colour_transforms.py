@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shaftpose.dataset.transforms import ColourJitter, UniformNoise, colour_matrix
+from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise, colour_matrix
 
 RED = np.array([200.0, 40.0, 30.0])
 

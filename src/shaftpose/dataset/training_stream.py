@@ -1,0 +1,108 @@
+"""The images of a training run, in order: rendered and real ones, augmented."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.images import Image
+from shaftpose.dataset.batches import LabelledImage
+from shaftpose.dataset.geometric_transforms import random_similarity, random_symmetry
+from shaftpose.dataset.labelled_images import Images
+
+log = logging.getLogger(__name__)
+
+Transform = Callable[[Image, np.random.Generator], Image]
+
+
+@dataclass(frozen=True)
+class SkippedImages:
+    """A file with one line for each damaged image.
+
+    The loader processes of all ranks add to it, and so does a resumed training.
+    """
+
+    path: Path
+
+    def add(self, complaint: str) -> None:
+        """Record and log an image, unless it is already recorded."""
+        if complaint not in self.complaints():
+            log.warning("skipped a damaged image: %s", complaint)
+            with self.path.open("a") as file:
+                file.write(f"{complaint}\n")
+
+    def complaints(self) -> set[str]:
+        """The recorded lines."""
+        return set(self.path.read_text().splitlines()) if self.path.is_file() else set()
+
+
+@dataclass(frozen=True)
+class TrainingStream(Images):
+    """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
+
+    Rendered images are reshuffled in each pass; a share `real_share` of the items, evenly spread,
+    are real images. With `symmetries`, each image is randomly mirrored and turned, and scaled as
+    well if its poses are unknown. A run that stops at item n can resume there.
+    If `skipped` is given, it records damaged images and the next image replaces each of them.
+    Raises InputError naming the damaged image otherwise, or the last one if all are damaged.
+    """
+
+    rendered: Images
+    real: Images | None
+    real_share: float
+    transforms: Sequence[Transform]
+    length: int
+    seed: int
+    skipped: SkippedImages | None = None
+    symmetries: bool = False
+
+    @property
+    def different_images(self) -> int:
+        """The number of images, not counting repetitions."""
+        return len(self.rendered) + (len(self.real) if self.real is not None else 0)
+
+    def __len__(self) -> int:
+        """The number of images in the run, counting repetitions."""
+        return self.length
+
+    def __getitem__(self, n: int) -> LabelledImage:
+        """Item n, after the transforms."""
+        real_before = int(n * self.real_share)
+        if self.real is not None and int((n + 1) * self.real_share) > real_before:
+            rgb, annotations = self._draw(self.real, real_before)
+        else:
+            rgb, annotations = self._draw(self.rendered, n - real_before)
+        rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
+        if self.symmetries:
+            rgb, annotations = random_symmetry(rgb, annotations, rng)
+            rgb, annotations = random_similarity(rgb, annotations, rng)
+        for transform in self.transforms:
+            rgb = transform(rgb, rng)
+        return rgb, annotations
+
+    def _draw(self, images: Images, number: int) -> LabelledImage:
+        """The shuffled image at draw `number`, or the next one that is not damaged."""
+        for draw in range(number, number + len(images)):
+            try:
+                return images[_shuffled(self.seed, draw, len(images))]
+            except InputError as error:
+                if self.skipped is None:
+                    raise
+                self.skipped.add(str(error))
+                last = error
+        raise last
+
+
+def _shuffled(seed: int, number: int, count: int) -> int:
+    """The index of draw `number` from `count` items that are reshuffled in each pass."""
+    return int(_order(seed, number // count, count)[number % count])
+
+
+@lru_cache(maxsize=4)
+def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
+    return np.random.default_rng(np.random.SeedSequence([seed, turn, count])).permutation(count)
