@@ -6,7 +6,7 @@ from pathlib import Path
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
-from shaftpose.evaluation.model_results import ModelResults, evaluation, flat, read_curves
+from shaftpose.evaluation.model_results import ModelResults, evaluation, read_curves
 from shaftpose.inference.predictor import raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.settings.stage import stage
@@ -21,18 +21,19 @@ def main(settings: Settings) -> None:
     """Write `metrics.json` and `figures/` to `out`, and the report's input to `results`."""
     name, model, detection = settings.variant.name, settings.model_folder, settings.detection
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
-    keys = read_keys(Path("data/split"), "test")
+    keys, validation = (read_keys(Path("data/split"), part) for part in ("test", "validation"))
     predictors = raw_and_refined_predictors(model / "model.onnx", detection.refine)
-    found = [
-        ModelResults(one, images, keys, confidence_threshold(detection.confidence_threshold, one))
-        for one in predictors
+    stated = detection.confidence_threshold
+    results = [
+        ModelResults(one, images, keys, confidence_threshold(stated, one)) for one in predictors
     ]
-    figures, metrics = found[-1].write_figures(settings.out / "figures", name), flat(*found)
-    write_json(settings.out / "metrics.json", metrics)
-    result = evaluation(settings, training, read_curves(model / "curves.csv"), *found)
+    figures = results[-1].write_figures(settings.out / "figures", name)
+    curves = read_curves(model / "curves.csv")
+    result = evaluation(settings, training, curves, validation, *results)
+    write_json(settings.out / "metrics.json", result.metrics())
     write_json(settings.results / "evaluation.json", asdict(result))
     connect(settings.tracking.uri, settings.tracking.experiment)
-    log_results(training.training_id, name, metrics, figures)
+    log_results(training.training_id, name, result.metrics(), figures)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Stage `evaluate_real`: detected rate and silhouette IoU on clear and occluded images."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 from shaftpose.core.files import write_json
 from shaftpose.dataset.silhouette_sets import silhouette_sets
@@ -25,15 +26,14 @@ def main(settings: Settings) -> None:
     )
     stated = settings.detection.confidence_threshold
     confidences = [confidence_threshold(stated, one) for one in predictors]
-    sets = silhouette_sets(middle_camera(settings.rendering), read_domain())
+    sets = silhouette_sets(middle_camera(settings.rendering), read_domain(Path("data/real")))
     scores, pictures = compare_silhouettes(predictors, confidences, render, sets, settings.out)
     for folder in (settings.out, settings.results):
-        write_json(folder / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
+        write_json(folder / "silhouette.json", asdict(scores))
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = read_training(settings.model_folder).training_id
-    rates = {f"{images}/detected_rate": one.detected_rate for images, one in scores.items()}
-    overlaps = {f"{images}/iou": one.iou for images, one in scores.items()}
-    log_results(training_id, settings.variant.name, rates | overlaps, pictures)
+    rates = scores.rates()
+    log_results(training_id, settings.variant.name, rates, pictures)
 
 
 if __name__ == "__main__":

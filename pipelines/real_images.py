@@ -13,7 +13,7 @@ from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.stand_in_sets import stand_in_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
-from shaftpose.stage_files import AboutReal
+from shaftpose.stage_files import REAL, STAND_IN, AboutImages
 
 SCRATCH = Path("data/scratch")
 
@@ -31,7 +31,7 @@ def main(settings: Settings) -> None:
                 write_stand_in(rendered, out)
         else:
             copy_real(source, out)
-        write_json(out / "about.json", asdict(AboutReal("real" if source else "stand-in")))
+        write_json(out / "about.json", asdict(AboutImages(REAL if source else STAND_IN)))
     counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
     logging.getLogger(__name__).info("images %s are in %s", counts, out)
 

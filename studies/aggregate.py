@@ -12,7 +12,7 @@ import numpy as np
 from shaftpose.core.errors import InputError
 from shaftpose.report.ablation import VariantRow
 from shaftpose.settings.parsing import flatten
-from studies.record import TrainingRecord
+from studies.record import EvaluatedTraining
 
 
 class Scale(NamedTuple):
@@ -73,31 +73,31 @@ def distinctions(scales: Sequence[Scale]) -> list[str]:
     ]
 
 
-def by_scale(records: Sequence[TrainingRecord]) -> dict[Scale, list[TrainingRecord]]:
+def by_scale(records: Sequence[EvaluatedTraining]) -> dict[Scale, list[EvaluatedTraining]]:
     """The trainings of each scale, in the given order.
 
     Raises InputError if, within a scale, two trainings share variant and seed, the settings of a
     variant differ, two variants share a title, or the real images differ.
     """
-    found: dict[Scale, dict[tuple[str, tuple[int, ...]], TrainingRecord]] = {}
+    found: dict[Scale, dict[tuple[str, bool, tuple[int, ...]], EvaluatedTraining]] = {}
     for record in records:
         row, settings = record.row, json.dumps(record.recipe, sort_keys=True)
         images = (row.training_images, row.test_images, record.data)
         scale = Scale(*images, row.steps, settings)
         alike = found.setdefault(scale, {})
-        if (row.variant, row.seeds) in alike:
+        if (row.variant, row.refined, row.seeds) in alike:
             raise InputError(
                 f"reports/trainings/{row.variant}-{row.seeds[0]}-*.json: two records with the same "
                 "settings; delete one of them"
             )
-        alike[row.variant, row.seeds] = record
+        alike[row.variant, row.refined, row.seeds] = record
     scales = {scale: list(alike.values()) for scale, alike in found.items()}
     for trainings in scales.values():
         _check_alike(trainings)
     return scales
 
 
-def _check_alike(records: Sequence[TrainingRecord]) -> None:
+def _check_alike(records: Sequence[EvaluatedTraining]) -> None:
     """Raise InputError unless trainings of one scale agree in what only some of them have, which
     is therefore not part of the scale."""
     for one, other in combinations(records, 2):
@@ -115,18 +115,18 @@ def _check_alike(records: Sequence[TrainingRecord]) -> None:
                 f"{pair}: two variants with the title {one.row.title!r}; change one title in "
                 "conf/variant/ and record it again"
             )
-        if one.real and other.real and one.real != other.real:
+        if one.mixed_in and other.mixed_in and one.mixed_in != other.mixed_in:
             raise InputError(
-                f"{pair}: trained on different real images ({one.real} and {other.real}); delete "
-                "one"
+                f"{pair}: trained with different images mixed in ({one.mixed_in} and "
+                f"{other.mixed_in}); delete one"
             )
 
 
-def rows_of(records: Sequence[TrainingRecord]) -> list[VariantRow]:
+def rows_of(records: Sequence[EvaluatedTraining]) -> list[VariantRow]:
     """One row for each variant in trainings of one scale, in order of first occurrence."""
-    found: dict[str, list[VariantRow]] = {}
+    found: dict[tuple[str, bool], list[VariantRow]] = {}
     for record in records:
-        found.setdefault(record.row.variant, []).append(record.row)
+        found.setdefault((record.row.variant, record.row.refined), []).append(record.row)
     return [repeated(rows) for rows in found.values()]
 
 

@@ -20,7 +20,7 @@ import onnx
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
-from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.results import Evaluation, Silhouettes
 from shaftpose.export.half_weights import with_half_weights
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
@@ -29,8 +29,7 @@ from shaftpose.inference.predictor import Predictor
 from shaftpose.metrics.metrics import Metrics
 from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.report.report_tables import cells, show
-from shaftpose.report.writing import with_fits
-from shaftpose.stage_files import FITTED, read_stage_file
+from shaftpose.stage_files import read_stage_file
 from shaftpose.training.data_identity import rendered_digest
 from studies.bundled_errors import COLUMNS
 from studies.evaluate_trainings import check, finished
@@ -94,20 +93,12 @@ def silhouettes(results: Path) -> Mapping[str, SilhouetteScore]:
     path = results / "silhouette.json"
     if not path.is_file():
         return {}
-    scores = read_stage_file(path, dict[str, SilhouetteScore], "run `dvc repro evaluate_real`")
-    fitted = {
-        name.removeprefix(FITTED): score
-        for name, score in scores.items()
-        if name.startswith(FITTED)
-    }
-    return fitted or scores
+    scores = read_stage_file(path, Silhouettes, "run `dvc repro evaluate_real`")
+    return scores.refined or scores.raw
 
 
 def evaluated(folder: Path, results: Path) -> Evaluation:
-    """The recorded evaluation of the folder's training, of fitted poses if it has them.
-
-    Raises InputError if there are none.
-    """
+    """The recorded evaluation of the folder's training. Raises InputError if there is none."""
     path, remedy = (
         results / "evaluation.json",
         f"run `python -m studies.evaluate_trainings {folder}`",
@@ -115,8 +106,7 @@ def evaluated(folder: Path, results: Path) -> Evaluation:
     found = read_stage_file(path, Evaluation, f"{remedy}, or name its folder by --results")
     if found.training.training_id != finished(folder).training_id:
         raise InputError(f"{path}: belongs to another training than {folder}; {remedy}")
-    *_, as_used = with_fits({"": found}).values()
-    return as_used
+    return found
 
 
 def store(exported: Path, folder: Path, name: str) -> Path:
@@ -148,7 +138,7 @@ def refuse_too_large(new: Path, bundled: Path) -> None:
 
 def refuse_another(folder: Path, recorded: Evaluation, measured: Metrics) -> None:
     """Raise InputError unless the recorded results are those of the folder's model."""
-    now, then = measured.mAP or 0.0, recorded.accuracy.metrics.mAP or 0.0
+    now, then = measured.mAP or 0.0, (recorded.refined or recorded.raw).metrics.mAP or 0.0
     if abs(now - then) > SAME_MAP:
         raise InputError(
             f"{folder}/model.onnx: has a mAP of {now:.3f}, but {then:.3f} was recorded; run "
@@ -174,7 +164,7 @@ def card(
         "model_card.md.j2",
         name=name,
         default=DEFAULT,
-        title=evaluation.title,
+        title=f"{evaluation.title} + fit" if evaluation.refined else evaluation.title,
         training=evaluation.training,
         predictor=stored,
         comparison=comparison,

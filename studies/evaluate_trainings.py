@@ -1,9 +1,9 @@
 """Evaluate trainings of a sweep and record them for docs/results.md.
 
 `python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
-evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and a
-second file for fitted poses. The settings are those of params.yaml, with the overrides of the
-training's command given by `--with`.
+evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and
+`VARIANT-SEED-ID-refined.json` for fitted poses. The settings are those of params.yaml, with the
+overrides of the training's command given by `--with`.
 """
 
 import argparse
@@ -16,11 +16,10 @@ from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.network.checkpoint import identity_of
-from shaftpose.report.ablation import FIT, variant_row
-from shaftpose.report.writing import with_fits
-from shaftpose.stage_files import TrainingFacts, read_stage_file, read_training
+from shaftpose.report.ablation import VariantRow, variant_rows
+from shaftpose.stage_files import TrainingRecord, read_stage_file, read_training
 from shaftpose.training.data_identity import rendered_digest
-from studies.record import TrainingRecord, validation_curves
+from studies.record import EvaluatedTraining, validation_curves
 
 RECORDS = Path("reports/trainings")
 
@@ -51,7 +50,7 @@ def check(folder: Path, data: str) -> None:
     variant_of(folder)
 
 
-def finished(folder: Path) -> TrainingFacts:
+def finished(folder: Path) -> TrainingRecord:
     """The facts that the train stage recorded about a finished training."""
     return read_training(folder, "run the training, or its sweep, to its end, or leave it out")
 
@@ -78,24 +77,26 @@ def record(folder: Path) -> list[Path]:
     """Write the records of the training for `make results`; returns their paths."""
     evaluation = read_stage_file(folder / "evaluation.json", Evaluation, "evaluate it again")
     training, paths = evaluation.training, []
-    for name, one in with_fits({variant_of(folder): evaluation}).items():
-        paths.append(RECORDS / f"{name}-{training.seed}-{training.training_id[:8]}.json")
-        write_json(paths[-1], asdict(training_record(name, one)))
+    for row in variant_rows(variant_of(folder), evaluation):
+        name = f"{row.variant}-{training.seed}-{training.training_id[:8]}"
+        paths.append(RECORDS / f"{name}{'-refined' if row.refined else ''}.json")
+        write_json(paths[-1], asdict(training_record(row, evaluation)))
     return paths
 
 
-def training_record(variant: str, evaluation: Evaluation) -> TrainingRecord:
-    """The record of one training. A fit is not trained: its network's record has the curves."""
-    training, accuracy = evaluation.training, evaluation.accuracy
-    return TrainingRecord(
-        row=variant_row(variant, evaluation),
+def training_record(row: VariantRow, evaluation: Evaluation) -> EvaluatedTraining:
+    """The record of a row of Table I. A fit is not trained: its network's record has the curves."""
+    training = evaluation.training
+    accuracy = evaluation.refined if row.refined and evaluation.refined else evaluation.raw
+    return EvaluatedTraining(
+        row=row,
         recipe={**training.recipe, "detection": evaluation.detection},
         variant=training.variant,
         data=training.data.digest,
-        real=training.data.real,
+        mixed_in=training.data.mixed_in,
         binned_errors=accuracy.binned_errors,
         found=accuracy.found,
-        curves=[] if variant.endswith(FIT) else validation_curves(evaluation.curves),
+        curves=[] if row.refined else validation_curves(evaluation.curves),
     )
 
 

@@ -32,7 +32,7 @@ def changes(rows: Sequence[VariantRow]) -> dict[tuple[str, str], dict[str, Chang
     half ranges; a variant trained once gets the largest half range of the repeated ones. Metrics
     that are missing or were never repeated are left out.
     """
-    known = {row.variant: row for row in rows}
+    known = {row.variant: row for row in rows if not row.refined}
     found = {}
     for before, after in STEPS:
         if before in known and after in known:

@@ -8,7 +8,7 @@ from typing import Any
 from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.report.ablation import VariantRow
-from shaftpose.stage_files import RealFacts, read_stage_file
+from shaftpose.stage_files import MixedInImages, read_stage_file
 
 # Learning curves, in the order of a figure's panels.
 CURVES = tuple(
@@ -19,21 +19,21 @@ CURVES = tuple(
 
 
 @dataclass(frozen=True)
-class TrainingRecord:
+class EvaluatedTraining:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`; none for
     fitted poses.
 
     recipe: settings that compared trainings must share: those recorded by the train stage (sizes,
     camera, ranges of poses, loss, training) and those of detection. variant: settings that
     trainings of one variant must also share. data: digest of the rendered images and their split.
-    real: None without real training images.
+    mixed_in: None for a training on rendered images alone.
     """
 
     row: VariantRow
     recipe: Mapping[str, Any]
     variant: Mapping[str, Any]
     data: str
-    real: RealFacts | None
+    mixed_in: MixedInImages | None
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     found: FoundInstruments
     curves: Sequence[tuple[int, str, float]]
@@ -44,7 +44,7 @@ def validation_curves(curves: Sequence[tuple[int, str, float]]) -> list[tuple[in
     return [row for wanted in CURVES for row in curves if row[1] == wanted]
 
 
-def read_record(path: Path) -> TrainingRecord:
+def read_record(path: Path) -> EvaluatedTraining:
     """A record from its file. Raises InputError as `read_stage_file` does."""
     remedy = "record the training again with `python -m studies.evaluate_trainings`"
-    return read_stage_file(path, TrainingRecord, remedy)
+    return read_stage_file(path, EvaluatedTraining, remedy)

@@ -8,7 +8,7 @@ from shaftpose.figures.markdown import pipe_table
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.report import blocks
 from shaftpose.settings.parsing import flatten
-from studies.record import TrainingRecord
+from studies.record import EvaluatedTraining
 from studies.sweep_jobs import NO_VALUE
 from studies.table import scale_tables
 from studies.templates import rendered
@@ -18,7 +18,7 @@ Table = list[list[str]]  # the headings, then the cells line by line
 
 def to_page(
     report: AblationReport,
-    records: Sequence[TrainingRecord],
+    records: Sequence[EvaluatedTraining],
     rounding: str,
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],

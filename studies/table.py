@@ -11,12 +11,13 @@ from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.metrics.common_instruments import common_instruments, means_on
 from shaftpose.report import report_tables
-from shaftpose.report.ablation import STAND_IN, VariantRow, variant_title
+from shaftpose.report.ablation import VariantRow
 from shaftpose.report.report import table_i_block
 from shaftpose.report.report_tables import TABLE_I_METRICS
+from shaftpose.stage_files import STAND_IN
 from studies import paper_order
 from studies.aggregate import Scale, by_scale, distinctions, rows_of
-from studies.record import TrainingRecord
+from studies.record import EvaluatedTraining
 
 COMMON_COLUMNS = tuple(
     column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
@@ -55,21 +56,21 @@ class ScaleTables:
     errors: str
 
 
-def scale_tables(records: Sequence[TrainingRecord]) -> list[ScaleTables]:
+def scale_tables(records: Sequence[EvaluatedTraining]) -> list[ScaleTables]:
     """The tables of each scale of these trainings."""
     scales = by_scale(records)
     own = distinctions(list(scales))
     return [_of_scale(*each) for each in zip(own, scales.keys(), scales.values(), strict=True)]
 
 
-def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
+def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
     """Learning curves of all trainings of a scale, and binned errors of one of each variant, by
     path relative to the page."""
     found = {}
     for scale, alike in by_scale(records).items():
-        by_title: dict[str, list[TrainingRecord]] = {}
+        by_title: dict[str, list[EvaluatedTraining]] = {}
         for record in alike:
-            title = variant_title(record.row.variant, _domain_of(alike), record.row.title)
+            title = record.row.shown_title(_domain_of(alike))
             by_title.setdefault(title, []).append(record)
         found[_picture(CURVES_PICTURE, scale)] = learning_curve_figure(
             {
@@ -85,12 +86,12 @@ def repeated_figures(records: Sequence[TrainingRecord]) -> dict[str, Figure]:
     return found
 
 
-def _domain_of(alike: Sequence[TrainingRecord]) -> str:
+def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
     """The domain of the trainings' real images; no title uses it if there are none."""
-    return next((record.real.domain for record in alike if record.real), STAND_IN)
+    return next((record.mixed_in.domain for record in alike if record.mixed_in), STAND_IN)
 
 
-def _of_scale(differences: str, scale: Scale, alike: Sequence[TrainingRecord]) -> ScaleTables:
+def _of_scale(differences: str, scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
     rows, domain_label = rows_of(alike), _domain_of(alike)
     columns = report_tables.TRAINING_COLUMNS
     compared = report_tables.beside_paper(rows, domain_label, columns)
@@ -110,12 +111,12 @@ def _of_scale(differences: str, scale: Scale, alike: Sequence[TrainingRecord]) -
     )
 
 
-def _common_errors(alike: Sequence[TrainingRecord], domain_label: str) -> CommonErrors:
+def _common_errors(alike: Sequence[EvaluatedTraining], domain_label: str) -> CommonErrors:
     common = common_instruments([record.found for record in alike])
     rows = rows_of([_with_errors_on(common, record) for record in alike])
     lines = [
         [
-            variant_title(row.variant, domain_label, row.title),
+            row.shown_title(domain_label),
             *report_tables.cells(row.metrics, COMMON_COLUMNS, row.spread),
         ]
         for row in rows
@@ -124,7 +125,7 @@ def _common_errors(alike: Sequence[TrainingRecord], domain_label: str) -> Common
     return CommonErrors(len(common), alike[0].found.total, table, _order(rows, domain_label))
 
 
-def _with_errors_on(instruments: set[int], record: TrainingRecord) -> TrainingRecord:
+def _with_errors_on(instruments: set[int], record: EvaluatedTraining) -> EvaluatedTraining:
     """The record with its detection metrics and its errors on these instruments only."""
     finding = {name: record.row.metrics.get(name) for name in paper_order.DETECTION}
     metrics = finding | means_on(record.found, instruments)
@@ -136,7 +137,7 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> str:
     found = paper_order.changes(rows)
     if not found:
         return ""
-    titles = {row.variant: variant_title(row.variant, domain_label, row.title) for row in rows}
+    titles = {row.variant: row.shown_title(domain_label) for row in rows if not row.refined}
     lines = [
         [f"{titles[before]} to {titles[after]}"]
         + [_cell(metric, changes.get(metric)) for metric in paper_order.METRICS]

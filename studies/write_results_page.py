@@ -20,7 +20,7 @@ from studies.architecture_tables import rounding_table
 from studies.bundled_errors import recorded
 from studies.palette_pictures import store_with_palette
 from studies.readme_table import with_table
-from studies.record import TrainingRecord, read_record
+from studies.record import EvaluatedTraining, read_record
 from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
 
@@ -49,7 +49,7 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
             path.unlink()
 
 
-def page(root: Path, trainings: Sequence[TrainingRecord]) -> str:
+def page(root: Path, trainings: Sequence[EvaluatedTraining]) -> str:
     """The page for single trainings and the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
     has_real = (root / "reports/real/ablation.json").is_file()
@@ -62,10 +62,12 @@ def readme(root: Path) -> str:
     return with_table((root / README.name).read_text(), report_of(root), recorded(root))
 
 
-def records(root: Path) -> list[TrainingRecord]:
+def records(root: Path) -> list[EvaluatedTraining]:
     """The records of single trainings, sorted by variant and seed."""
     found = [read_record(path) for path in sorted((root / "reports/trainings").glob("*.json"))]
-    return sorted(found, key=lambda record: (record.row.variant, record.row.seeds))
+    return sorted(
+        found, key=lambda record: (record.row.variant, record.row.refined, record.row.seeds)
+    )
 
 
 def sweeps(root: Path) -> dict[str, Table]:

@@ -11,7 +11,7 @@ from shaftpose.metrics.common_instruments import found_instruments
 from shaftpose.metrics.metrics import Metrics
 from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.settings.schema import PoseRanges
-from shaftpose.stage_files import DataFacts, RealFacts, TrainingFacts
+from shaftpose.stage_files import DataRecord, MixedInImages, TrainingRecord
 
 RANGES = PoseRanges(
     x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
@@ -23,11 +23,11 @@ METRICS = Metrics(
     confidence=0.5,
 )  # fmt: skip
 SIZE = {"optimizer": "muon", "detector_steps": 5, "batch_size": 4, "width": 0.125, "depth": 0.25}
-TRAINING = TrainingFacts(
+TRAINING = TrainingRecord(
     training_id="0123456789abcdef",
     fingerprint="0011223344556677",
     seed=7,
-    data=DataFacts("aabb", 90, "0123456789abcdef", None),
+    data=DataRecord("aabb", 90, "0123456789abcdef", None),
     variant={"network": {"backbone": {}}, "noise": 10, "start": True},
     recipe={"loss": {"alpha": 0.5}, "size": SIZE},
     skipped_images=0,
@@ -36,10 +36,10 @@ TRAINING = TrainingFacts(
 )
 
 
-def with_real(domain: str) -> TrainingFacts:
+def with_real(domain: str) -> TrainingRecord:
     """The training with two images of the domain mixed in."""
-    real = RealFacts(domain, 2, "fedcba9876543210")
-    return replace(TRAINING, data=replace(TRAINING.data, real=real))
+    mixed_in = MixedInImages(domain, 2, "fedcba9876543210")
+    return replace(TRAINING, data=replace(TRAINING.data, mixed_in=mixed_in))
 
 
 def accuracy(**metrics: Any) -> Accuracy:
@@ -52,14 +52,14 @@ def accuracy(**metrics: Any) -> Accuracy:
     )
 
 
-def evaluation(title: str, training: TrainingFacts = TRAINING, **changed: Any) -> Evaluation:
+def evaluation(title: str, training: TrainingRecord = TRAINING, **changed: Any) -> Evaluation:
     """An evaluation without a fit."""
     return Evaluation(
         title=title,
         training=training,
         detection={"nms_iou": 0.45},
-        accuracy=changed.pop("accuracy", accuracy()),
-        fitted=changed.pop("fitted", None),
+        raw=changed.pop("raw", accuracy()),
+        refined=changed.pop("refined", None),
         validation=replace(METRICS, mAP=0.2, tip_mm=None),
         curves=[(1, "training/box", 1.0), (1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)],
     )

@@ -1,8 +1,8 @@
 """What stages hand to each other in small JSON files.
 
-`training.json` is a `TrainingFacts`, `about.json` an `AboutReal`, `evaluation.json` an
-`evaluation.results.Evaluation`, and `silhouette.json` holds the `SilhouetteScore` of each set of
-images. Lists of images are CSV files (`dataset.split`), images shards (`core.shards`).
+`training.json` holds a `TrainingRecord`, `about.json` an `AboutImages`, `evaluation.json` an
+`evaluation.results.Evaluation` and `silhouette.json` an `evaluation.results.Silhouettes`. Lists of
+images are CSV files (`dataset.split`), images are in shards (`core.shards`).
 """
 
 from collections.abc import Mapping
@@ -17,19 +17,20 @@ from shaftpose.core.files import read_json
 
 T = TypeVar("T")
 
-FITTED = "fitted/"  # begins the names of metrics and image sets of fitted poses
+# Domains of the images without poses.
+REAL, STAND_IN = "real", "stand-in"
 
 
 @dataclass(frozen=True)
-class AboutReal:
-    """`about.json` of the real images; domain: "real", or "stand-in" if they are rendered."""
+class AboutImages:
+    """The images without poses; domain: `REAL`, or `STAND_IN` if they are rendered."""
 
     domain: str
 
 
 @dataclass(frozen=True)
-class RealFacts:
-    """The real training images; domain: see `AboutReal`."""
+class MixedInImages:
+    """Images without poses among the training images; domain: see `AboutImages`."""
 
     domain: str
     images: int
@@ -37,31 +38,31 @@ class RealFacts:
 
 
 @dataclass(frozen=True)
-class DataFacts:
+class DataRecord:
     """The data of a training.
 
-    start: digest of the detector that it started from; digest: of the rendered images and their
-    split; real: None unless real images were mixed in.
+    start: digest of the detector that it started from, None for random weights; digest: of the
+    rendered images and their split; mixed_in: None for a training on rendered images alone.
     """
 
     start: str | None
     training_images: int
     digest: str
-    real: RealFacts | None
+    mixed_in: MixedInImages | None
 
 
 @dataclass(frozen=True)
-class TrainingFacts:
-    """A finished training, as `training.json` describes it.
+class TrainingRecord:
+    """A finished training.
 
-    variant, recipe: the settings in which trainings of one variant, and compared trainings, must
-    agree (`Recipe.variant_key`, `Recipe.comparison_key`); parameters: number of weights.
+    variant: settings that trainings of one variant share; recipe: settings that compared trainings
+    share; parameters: number of weights.
     """
 
     training_id: str
     fingerprint: str
     seed: int
-    data: DataFacts
+    data: DataRecord
     variant: Mapping[str, Any]
     recipe: Mapping[str, Any]
     skipped_images: int
@@ -76,15 +77,14 @@ class TrainingFacts:
 
 def read_training(
     folder: Path, remedy: str = "run `make clean`, then `dvc repro -f train`"
-) -> TrainingFacts:
+) -> TrainingRecord:
     """Read the `training.json` next to a checkpoint. Raises as `read_stage_file` does."""
-    return read_stage_file(folder / "training.json", TrainingFacts, remedy)
+    return read_stage_file(folder / "training.json", TrainingRecord, remedy)
 
 
-def read_domain() -> str:
-    """Domain of the real images: "real" or "stand-in"."""
-    path, remedy = Path("data/real/about.json"), "run `dvc repro real_images`"
-    return read_stage_file(path, AboutReal, remedy).domain
+def read_domain(folder: Path) -> str:
+    """Domain of the images without poses in a folder: `REAL` or `STAND_IN`."""
+    return read_stage_file(folder / "about.json", AboutImages, "run `dvc repro real_images`").domain
 
 
 def read_stage_file(path: Path, kind: type[T], remedy: str) -> T:

@@ -15,7 +15,7 @@ from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.tree import Settings, check_variants
-from shaftpose.stage_files import DataFacts
+from shaftpose.stage_files import DataRecord
 from shaftpose.training.recipe import fingerprint
 from tests.pipeline.conftest import ROOT, Run, recipe_with, settings_with
 
@@ -36,7 +36,7 @@ def test_variants_and_profiles_compose(variant: str, profile: str) -> None:
 def test_numbers_are_the_same_however_they_are_written() -> None:
     """`alpha: 1` and `alpha: 1.0` give the same training."""
     one, same = (recipe_with("profile=smoke", f"loss.alpha={alpha}") for alpha in ("1", "1.0"))
-    data = DataFacts(start=None, training_images=1, digest="", real=None)
+    data = DataRecord(start=None, training_images=1, digest="", mixed_in=None)
     assert fingerprint(one, data) == fingerprint(same, data)
 
 

@@ -24,8 +24,9 @@ def finished(clone: Path, run: Run) -> Path:
 
 def test_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
     report = json.loads((finished / "reports/ablation.json").read_text())
-    assert [row["variant"] for row in report["rows"]] == [*VARIANTS, "e+fit"]
-    assert set(report["silhouette"]) == {*VARIANTS, "e+fit"}
+    rows = [(row["variant"], row["refined"]) for row in report["rows"]]
+    assert rows == [*((name, False) for name in VARIANTS), ("e", True)]
+    assert all(row["silhouettes"] for row in report["rows"])
     assert report["constant"]["x_mm"] > 0
     for row in report["rows"]:
         assert row["test_images"] == 6
@@ -71,7 +72,7 @@ def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None
     for run in (run for run in runs if run.info.run_name in VARIANTS):
         assert run.data.params["loss.alpha"] == "1.5"
         assert re.fullmatch(r"[0-9a-f]{32}(\.dir)?", run.data.tags["dataset.data/render"])
-        assert {"mAP", "training/loss", "rendered/clear/iou"} <= run.data.metrics.keys()
+        assert {"raw/mAP", "training/loss", "raw/rendered/clear/iou"} <= run.data.metrics.keys()
         assert any(name.startswith("system/") for name in run.data.metrics)
     champion = mlflow.MlflowClient().get_model_version_by_alias("shaftpose", "champion")
     model = mlflow.onnx.load_model(f"models:/shaftpose/{champion.version}")

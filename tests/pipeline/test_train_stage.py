@@ -92,7 +92,7 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     noted = facts(folder)
     monkeypatch.chdir(folder)
     assert noted["data"]["digest"] == rendered_digest()
-    assert noted["data"]["real"] == {"domain": "real", "images": 2, "digest": real_digest()}
+    assert noted["data"]["mixed_in"] == {"domain": "real", "images": 2, "digest": real_digest()}
     file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
     settings = {key: value for key, value in file.items() if key != "title"}
     assert noted["variant"] == settings | {"start": False}  # see SIZES
@@ -100,7 +100,7 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
     assert run.data.tags["dataset.digest"] == noted["data"]["digest"]
-    assert run.data.tags["dataset.real_digest"] == noted["data"]["real"]["digest"]
+    assert run.data.tags["dataset.real_digest"] == noted["data"]["mixed_in"]["digest"]
 
 
 def test_a_result_that_may_not_be_written_to_is_replaced(folder: Path) -> None:

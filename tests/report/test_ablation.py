@@ -1,13 +1,22 @@
 """Choice of the champion."""
 
-from shaftpose.report.ablation import Champion, choose_champion
+from dataclasses import replace
+
+from shaftpose.evaluation.results import Evaluation
+from shaftpose.report.ablation import choose_champion
+from tests.evaluations import METRICS, accuracy, evaluation
+
+
+def validated(mAP: float | None, tip_mm: float | None = None) -> Evaluation:
+    one = evaluation("any")
+    return replace(one, validation=replace(METRICS, mAP=mAP, tip_mm=tip_mm))
 
 
 def test_the_least_tip_error_among_the_best_wins() -> None:
     validation = {
-        "c": {"mAP": 0.60, "tip_mm": 1.0},  # 0.03 below the best
-        "d": {"mAP": 0.63, "tip_mm": 3.0},
-        "d_noise": {"mAP": 0.62, "tip_mm": 2.0},
+        "c": validated(0.60, 1.0),  # 0.03 below the best
+        "d": validated(0.63, 3.0),
+        "d_noise": validated(0.62, 2.0),
     }
     assert choose_champion(validation, margin=0.02).variant == "d_noise"
     assert choose_champion(validation, margin=0.0).variant == "d"
@@ -17,10 +26,11 @@ def test_the_least_tip_error_among_the_best_wins() -> None:
 
 
 def test_who_found_nothing_comes_last() -> None:
-    validation = {"c": {"mAP": 0.5}, "d": {"mAP": 0.5, "tip_mm": 9.0}, "e": {"mAP": None}}
+    validation = {"c": validated(0.5), "d": validated(0.5, 9.0), "e": validated(None)}
     assert choose_champion(validation, margin=0.02).variant == "d"
 
 
-def test_a_champion_with_fitted_poses_names_its_training() -> None:
-    assert Champion("e+fit", "rule").trained == "e"
-    assert Champion("d", "rule").trained == "d"
+def test_a_champion_with_a_fit_is_used_with_it() -> None:
+    raw = validated(0.5)
+    assert not choose_champion({"e": raw}, margin=0.02).refined
+    assert choose_champion({"e": replace(raw, refined=accuracy())}, margin=0.02).refined

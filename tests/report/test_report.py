@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from matplotlib.figure import Figure
@@ -17,8 +18,9 @@ from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.summary import ErrorSummary, Summary
 from shaftpose.origin import Origin
 from shaftpose.report import paper_numbers
-from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_title
-from shaftpose.report.report import to_html, to_json, to_markdown
+from shaftpose.report import report as texts
+from shaftpose.report.ablation import AblationReport, Champion, VariantRow
+from shaftpose.report.report import to_json, to_markdown
 
 METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}
 RULE = "The lowest mean tip error on the validation images."
@@ -37,19 +39,23 @@ def score(rate: float, iou: float | None) -> dict[str, float | int | None]:
 
 
 @pytest.fixture
-def report(tmp_path: Path) -> AblationReport:
-    path = tmp_path / "figure.png"
-    save_figure(Figure(figsize=(1, 1)), path)
-    silhouette = {
+def report() -> AblationReport:
+    silhouettes = {
         "d_noise": {"rendered/clear": score(0.91, 0.52), "stand-in/clear": score(0.61, 0.22)},
         "mine": {"stand-in/clear": score(0.63, None), "stand-in/occluded": score(0.64, 0.24)},
     }
     rows = [row("c"), row("d"), row("d_noise"), row("d_noise_real"), row("mine", "D <wide> | deep")]
+    rows = [replace(one, silhouettes=silhouettes.get(one.variant, {})) for one in rows]
     constant = {"mAP": 0.001, "x_mm": 10.17}
-    champion = Champion("d_noise", RULE)
-    return AblationReport(
-        rows, constant, silhouette, "stand-in", champion, "demo", {"Curves": path}
-    )
+    return AblationReport(rows, constant, "stand-in", Champion("d_noise", False, RULE), "demo")
+
+
+def to_html(report: AblationReport) -> str:
+    """The page with one figure."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "figure.png"
+        save_figure(Figure(figsize=(1, 1)), path)
+        return texts.to_html(report, {"Curves": path})
 
 
 def markdown_line(text: str, start: str) -> list[str]:
@@ -92,8 +98,14 @@ def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationR
     page = to_html(report)
     assert '<th scope="row">D &lt;wide&gt; | deep' in page and "<wide>" not in page
     assert json.loads(to_json(report))["rows"][-1]["paper"] is None
-    assert variant_title("untitled", "real") == "untitled"
-    assert variant_title("mine", "stand-in", "C + real + wide") == "C + stand-in + wide"
+    assert row("untitled").shown_title("real") == "untitled"
+    assert row("mine", "C + real + wide").shown_title("stand-in") == "C + stand-in + wide"
+
+
+def test_refined_poses_have_a_row_of_their_own_that_the_paper_lacks(report: AblationReport):
+    fitted = replace(row("d"), refined=True)
+    text = to_markdown(replace(report, rows=[*report.rows, fitted]))
+    assert markdown_line(text, "| D + fit |")[:4] == ["D + fit", "900", "3,000", "0.812"]
 
 
 def test_the_scale_stands_under_the_tables(report: AblationReport):
@@ -151,7 +163,9 @@ def test_errors_in_the_image_and_intervals_of_iou_are_shown(report: AblationRepo
         **score(0.9, 0.5), "iou_low": 0.41, "iou_high": 0.62, "tip_px": 2.25, "axis_deg": 1.5,
         "axis_px": 3.75,
     }  # fmt: skip
-    text = to_markdown(replace(report, silhouette={"d": {"rendered/clear": measured}}))
+    text = to_markdown(
+        replace(report, rows=[replace(row("d"), silhouettes={"rendered/clear": measured})])
+    )
     assert markdown_line(text, "| rendered | D |")[3] == "0.500 (0.41 to 0.62)"
     line = markdown_line(text.split("Tip and axis in the image")[1], "| rendered | D |")
     assert line == ["rendered", "D", "2.2", "1.5", "3.8", "n/a", "n/a", "n/a"]
@@ -192,15 +206,17 @@ def test_stand_ins_are_never_shown_as_real(report: AblationReport):
     assert "not evidence about real ones" in page
     assert re.search(r'<td class="text">stand-in</td>\s*<td class="text">ours</td>', page)
     assert not re.search(r'<td class="text">real</td>\s*<td class="text">ours</td>', page)
-    assert set(content["silhouette"]["d_noise"]) == {"rendered/clear", "stand-in/clear"}
+    assert set(content["rows"][2]["silhouettes"]) == {"rendered/clear", "stand-in/clear"}
 
 
 def measured_on_real(report: AblationReport) -> AblationReport:
-    silhouette = {
-        variant: {name.replace("stand-in", "real"): score for name, score in sets.items()}
-        for variant, sets in report.silhouette.items()
-    }
-    return replace(report, domain_label="real", silhouette=silhouette)
+    rows = [
+        replace(
+            one, silhouettes={n.replace("stand-in", "real"): s for n, s in one.silhouettes.items()}
+        )
+        for one in report.rows
+    ]
+    return replace(report, domain_label="real", rows=rows)
 
 
 def test_measured_real_images_are_called_real(report: AblationReport):
@@ -223,9 +239,8 @@ def test_html_needs_no_other_file(report: AblationReport):
 
 
 def test_a_missing_figure_is_named(report: AblationReport):
-    lost = replace(report, figures={"Curves": Path("nowhere/curves.png")})
     with pytest.raises(InputError, match="nowhere/curves.png"):
-        to_html(lost)
+        texts.to_html(report, {"Curves": Path("nowhere/curves.png")})
 
 
 def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
@@ -233,7 +248,7 @@ def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
     d = content["rows"][1]
     assert d["metrics"]["mAP"] == 0.8121 and d["metrics"]["yaw_deg"] is None
     assert d["paper"]["yaw_deg"] == 5.30 and d["training_images"] == 900
-    assert content["silhouette"]["mine"]["stand-in/clear"]["iou"] is None
+    assert content["rows"][4]["silhouettes"]["stand-in/clear"]["iou"] is None
 
 
 def test_paper_tables_hold_the_papers_numbers():
@@ -275,7 +290,7 @@ def test_a_browser_shows_the_page_whole(
     assert not complaints
     assert [url for url in requests if not url.startswith("data:")] == [file.as_uri()]
     widths = page.eval_on_selector_all("img", "images => images.map(i => i.naturalWidth)")
-    assert len(widths) == len(report.figures) and min(widths) > 0
+    assert len(widths) == 1 and min(widths) > 0
     # Wide tables scroll on their own; the page does not.
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     page.close()

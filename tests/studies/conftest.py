@@ -57,7 +57,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         recipe={**trained.recipe, "poses": POSES},
     )
     # The best detection is right in four of five images.
-    found = evaluation("D + noise + real", trained, accuracy=accuracy(mAP=0.8))
+    found = evaluation("D + noise + real", trained, raw=accuracy(mAP=0.8))
     folder = write_training(tmp_path, found)
     store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
     constant_model.rename(folder / "model.onnx")

@@ -13,11 +13,11 @@ from shaftpose.metrics.binned_errors import BINS, ErrorBin
 from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow
 from shaftpose.report.report import to_json
-from shaftpose.stage_files import RealFacts
+from shaftpose.stage_files import MixedInImages
 from studies import write_results_page as results_page
 from studies.aggregate import by_scale, repeated, rows_of
 from studies.paper_order import Change, changes
-from studies.record import TrainingRecord, read_record, validation_curves
+from studies.record import EvaluatedTraining, read_record, validation_curves
 from studies.results_page import Table, to_page
 from studies.table import repeated_figures
 
@@ -50,7 +50,7 @@ def record(
     data: str = "same",
     noise: int = 0,
     real: str = "",
-) -> TrainingRecord:
+) -> EvaluatedTraining:
     bins = {name: [ErrorBin(0.0, 1.0, 2, 4.0, 6.0)] for name in BINS}
     curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
@@ -62,8 +62,8 @@ def record(
         "training": {"frozen_norm_share": 0.3},
         "loss": {"alpha": alpha, "gamma": 5.0, "beta": [1.0, 1.0, 2.0, 2.0, 0.5]},
     }  # fmt: skip
-    mixed_in = RealFacts(real, 2, f"{real} images") if real else None
-    return TrainingRecord(
+    mixed_in = MixedInImages(real, 2, f"{real} images") if real else None
+    return EvaluatedTraining(
         trained, recipe, {"noise": noise}, data, mixed_in, bins, found, validation_curves(curves)
     )
 
@@ -106,7 +106,7 @@ def test_trainings_on_other_real_images_are_not_compared():
     plain, real = record(row(7)), record(row(7, "d_noise_real"), real="real")
     assert len(by_scale([plain, real])) == 1
     with pytest.raises(
-        InputError, match=r"real-7-\*\.json and .*real-8-\*\.json: trained on differ"
+        InputError, match=r"real-7-\*\.json and .*real-8-\*\.json: trained with differ"
     ):
         by_scale([plain, real, record(row(8, "d_noise_real"), real="stand-in")])
 
@@ -175,9 +175,9 @@ def test_a_record_without_settings_is_refused(tmp_path: Path):
         read_record(tmp_path / "d.json")
 
 
-def page(*trainings: TrainingRecord, sweeps: dict[str, Table] | None = None) -> str:
+def page(*trainings: EvaluatedTraining, sweeps: dict[str, Table] | None = None) -> str:
     report = AblationReport(
-        [row(7, mAP=0.5)], {}, {}, "stand-in", Champion("d", "the only one"), "demo"
+        [row(7, mAP=0.5)], {}, "stand-in", Champion("d", False, "the only one"), "demo"
     )
     speed = {"speed": {"machine": {"cores": 2}, "s": [{"a": 1}]}}
     return to_page(report, trainings, "| what classes cost |", sweeps or {}, speed)
@@ -296,7 +296,7 @@ def test_the_page_shows_benchmarks():
 def test_the_recorded_report_is_read_as_it_was_written(tmp_path: Path):
     rows = [row(7, mAP=0.5), repeated([row(7, "c", mAP=0.1), row(8, "c", mAP=0.3)])]
     report = AblationReport(
-        rows, {"mAP": 0.0}, {}, "stand-in", Champion("d", "the best one"), "smoke"
+        rows, {"mAP": 0.0}, "stand-in", Champion("d", False, "the best one"), "smoke"
     )
     write_json(tmp_path / "reports/ablation.json", json.loads(to_json(report)))
     assert results_page.report_of(tmp_path) == report

@@ -11,6 +11,7 @@ from onnx import ModelProto, numpy_helper
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
+from shaftpose.evaluation.results import Silhouettes
 from shaftpose.inference import bundled
 from shaftpose.inference.bundled import bundled_model
 from shaftpose.inference.predictor import Predictor
@@ -81,11 +82,9 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
 def test_a_model_of_real_images_states_what_was_measured_and_whose_they_are(
     training: Path,
 ) -> None:
-    scores = {
-        "fitted/real/clear": SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, axis_deg=1.5),
-        "real/clear": SilhouetteScore(0.9, 0.5, 27, 40),
-    }
-    write_json(training / "silhouette.json", {name: asdict(one) for name, one in scores.items()})
+    fitted = SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, axis_deg=1.5)
+    scores = Silhouettes({"real/clear": SilhouetteScore(0.9, 0.5, 27, 40)}, {"real/clear": fitted})
+    write_json(training / "silhouette.json", asdict(scores))
     root = training.parents[1] / "root"
     bundle_model.bundle(training, training, root, "other", "Frames: somebody, MIT")
     card = (root / "src/shaftpose/models/other.md").read_text()
@@ -114,7 +113,7 @@ def test_results_of_another_training_are_refused(training: Path) -> None:
 
 
 def test_results_of_another_model_are_refused(training: Path) -> None:
-    edit(training / "evaluation.json", accuracy=asdict(accuracy(mAP=0.81)))
+    edit(training / "evaluation.json", raw=asdict(accuracy(mAP=0.81)))
     refused(training, r"model\.onnx: has a mAP of 0\.800, but 0\.810 was recorded")
 
 

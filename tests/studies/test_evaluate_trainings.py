@@ -14,7 +14,7 @@ from studies import evaluate_trainings
 from studies import write_results_page as results_page
 from tests.evaluations import TRAINING, accuracy, evaluation, with_real
 
-EVALUATION = evaluation("D + noise + real", with_real("stand-in"), fitted=accuracy(mAP=0.75))
+EVALUATION = evaluation("D + noise + real", with_real("stand-in"), refined=accuracy(mAP=0.75))
 
 
 def write_training(folder: Path, evaluated: Evaluation = EVALUATION) -> Path:
@@ -37,18 +37,17 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     paths = evaluate_trainings.record(write_training(tmp_path))
     assert paths == [
-        Path(f"reports/trainings/{name}-7-01234567.json")
-        for name in ("d_noise_real", "d_noise_real+fit")
+        Path(f"reports/trainings/d_noise_real-7-01234567{end}.json") for end in ("", "-refined")
     ]
     record, fitted = results_page.records(tmp_path)
-    assert (fitted.row.title, fitted.row.metrics["mAP"]) == ("D + noise + real + fit", 0.75)
+    assert (fitted.row.refined, fitted.row.metrics["mAP"]) == (True, 0.75)
     assert fitted.curves == []
     assert (record.row.variant, record.row.seeds, record.row.steps) == ("d_noise_real", (7,), 10)
     assert (record.row.width, record.row.depth) == (0.125, 0.25)
     assert (record.row.metrics["mAP"], record.row.mixed_in_images) == (0.5, 2)
     assert record.recipe == {**TRAINING.recipe, "detection": EVALUATION.detection}
-    assert record.binned_errors == EVALUATION.accuracy.binned_errors
-    assert record.found == EVALUATION.accuracy.found
+    assert record.binned_errors == EVALUATION.raw.binned_errors
+    assert record.found == EVALUATION.raw.found
     assert record.curves == [(1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)]
 
 

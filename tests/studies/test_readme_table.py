@@ -17,7 +17,7 @@ def row(variant: str, mAP: float | None, title: str = "") -> VariantRow:
 
 WITH_OTHER_IMAGES = replace(row("d_noise_real", 0.97), mixed_in_images=100)
 ROWS = [row("c", 0.8), row("d", 0.9), row("d_noise", None), WITH_OTHER_IMAGES, row("b", 0.95, "B")]
-REPORT = AblationReport(ROWS, {}, {}, "stand-in", Champion("c", "rule"), "demo")
+REPORT = AblationReport(ROWS, {}, "stand-in", Champion("c", False, "rule"), "demo")
 
 DEFAULT = Metrics(0.99, 0.98, 0.2, 0.3, 0.4, None, 1.0, 2.0, 0.5, 1000, 1496, 1500, 0.2)
 LAST = "| Default model, ours | 0.990 | 0.980 | 0.20 | 0.30 | 0.40 | n/a | 1.00 |"
@@ -38,7 +38,7 @@ def test_the_best_of_the_papers_variants_stands_below_the_papers_best() -> None:
 
 
 def test_e_is_shown_with_fitted_poses() -> None:
-    rows = [*ROWS, row("e", 0.99, "E"), row("e+fit", 0.98, "E + fit")]
+    rows = [*ROWS, row("e", 0.99, "E"), replace(row("e", 0.98, "E"), refined=True)]
     lines = table(replace(REPORT, rows=rows), DEFAULT).splitlines()
     assert lines[3:5] == [
         "| D, ours | 0.900 | 0.900 | 1.50 | n/a | 1.25 | n/a | n/a |",

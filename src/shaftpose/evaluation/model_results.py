@@ -12,7 +12,6 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Accuracy, Evaluation
 from shaftpose.figures.accuracy_figures import (
     error_over_bound_figure,
@@ -35,7 +34,7 @@ from shaftpose.refinement.bound import pose_bound
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.schema import RenderSettings, ShaftSettings
 from shaftpose.settings.tree import Settings
-from shaftpose.stage_files import FITTED, TrainingFacts
+from shaftpose.stage_files import TrainingRecord
 
 DRAWN_IMAGES, COLUMNS = 12, 4
 WORST, WORST_COLUMNS = 10, 5  # images with large errors, and as many with missed shafts
@@ -91,9 +90,8 @@ class ModelResults:
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
         return prediction_sheet(list(rgb), known, found, list(cameras), columns)
 
-    def validation(self) -> Metrics:
-        """The metrics on the validation images."""
-        keys = read_keys(Path("data/split"), "validation")
+    def metrics_on(self, keys: Sequence[str]) -> Metrics:
+        """The model's metrics on other images of the shards."""
         found, known = predict_shards(self.predictor, self.shards, keys)
         return evaluate(found, known, self.confidence)
 
@@ -142,31 +140,27 @@ def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
 
 def evaluation(
     settings: Settings,
-    training: TrainingFacts,
+    training: TrainingRecord,
     curves: Sequence[tuple[int, str, float]],
-    alone: ModelResults,
-    fitted: ModelResults | None = None,
+    validation: Sequence[str],
+    raw: ModelResults,
+    refined: ModelResults | None = None,
 ) -> Evaluation:
-    """The evaluation of a network and, if it has them, of its fitted poses."""
+    """The evaluation of a network's own poses and, if it has them, of its fitted poses.
+
+    validation: keys of the validation images.
+    """
     rendering = settings.rendering
     return Evaluation(
         title=settings.variant.title,
         training=training,
         detection=as_plain(settings.detection),
-        accuracy=alone.accuracy(rendering),
-        fitted=None if fitted is None else fitted.accuracy(rendering),
-        validation=(fitted or alone).validation(),
+        raw=raw.accuracy(rendering),
+        refined=None if refined is None else refined.accuracy(rendering),
+        validation=(refined or raw).metrics_on(validation),
         curves=curves,
         origin=origin(),
     )
-
-
-def flat(alone: ModelResults, fitted: ModelResults | None = None) -> dict[str, float | int | None]:
-    """The metrics of a network, and those of its fitted poses as `fitted/...`."""
-    if fitted is None:
-        return alone.metrics.as_dict()
-    added = {f"{FITTED}{name}": value for name, value in fitted.metrics.as_dict().items()}
-    return alone.metrics.as_dict() | added
 
 
 def read_curves(path: Path) -> list[tuple[int, str, float]]:

@@ -1,4 +1,4 @@
-"""The results of an evaluation, as `evaluation.json` holds them."""
+"""Results of the stages that evaluate a model, as their JSON files hold them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,9 +7,10 @@ from typing import Any
 from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.common_instruments import FoundInstruments
 from shaftpose.metrics.metrics import Metrics
+from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from shaftpose.metrics.summary import Summary
 from shaftpose.origin import Origin
-from shaftpose.stage_files import TrainingFacts
+from shaftpose.stage_files import TrainingRecord
 
 
 @dataclass(frozen=True)
@@ -28,18 +29,46 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A trained variant on the test images.
+    """A trained variant on the test images: `evaluation.json`.
 
-    accuracy: of the network's own poses; fitted: of its fitted poses, None without a fit.
-    validation: metrics on the validation images, with the fit if there is one. detection: its
-    settings. curves: rows of step, name and value. origin: None in results of older versions.
+    raw: accuracy of the network's own poses; refined: of its fitted poses, None without a fit;
+    validation: metrics on the validation images, of refined poses if there are any; detection: its
+    settings; curves: rows of step, name and value; origin: None in results of older versions.
     """
 
     title: str
-    training: TrainingFacts
+    training: TrainingRecord
     detection: Mapping[str, Any]
-    accuracy: Accuracy
-    fitted: Accuracy | None
+    raw: Accuracy
+    refined: Accuracy | None
     validation: Metrics
     curves: Sequence[tuple[int, str, float]]
     origin: Origin | None = None
+
+    def metrics(self) -> dict[str, dict[str, float | int | None]]:
+        """Metrics of raw and, if there are any, of refined poses."""
+        kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
+        return {kind: accuracy.metrics.as_dict() for kind, accuracy in kinds.items()}
+
+
+@dataclass(frozen=True)
+class Silhouettes:
+    """Scores of a model's silhouettes by set of images, such as `rendered/clear`:
+    `silhouette.json`.
+
+    raw: of the network's own poses; refined: of its fitted poses, None without a fit.
+    """
+
+    raw: Mapping[str, SilhouetteScore]
+    refined: Mapping[str, SilhouetteScore] | None = None
+
+    def rates(self) -> dict[str, dict[str, dict[str, float | None]]]:
+        """Detected rate and IoU by kind of poses and set of images."""
+        kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
+        return {
+            kind: {
+                images: {"detected_rate": one.detected_rate, "iou": one.iou}
+                for images, one in scores.items()
+            }
+            for kind, scores in kinds.items()
+        }

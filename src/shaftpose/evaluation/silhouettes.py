@@ -12,6 +12,7 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Detections
 from shaftpose.dataset.silhouette_sets import MaskedImage
+from shaftpose.evaluation.results import Silhouettes
 from shaftpose.figures.drawing import FOUND, TRUTH, contact_sheet, draw_caption, draw_masks
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict
@@ -21,7 +22,6 @@ from shaftpose.metrics.silhouette_iou import (
     silhouette_iou,
     silhouette_score,
 )
-from shaftpose.stage_files import FITTED
 
 DRAWN_IMAGES = 4  # of each set
 QUALITY = 85  # of both pictures as JPEG: they are for people
@@ -37,29 +37,31 @@ def compare_silhouettes(
     render: Render,
     sets: Mapping[str, Sequence[MaskedImage]],
     folder: Path,
-) -> tuple[dict[str, SilhouetteScore], dict[str, Path]]:
-    """Detected rate and IoU by set, of a network and, with names that begin with `fitted/`, of its
-    fitted poses, each at its own confidence threshold; and title -> file of two pictures in
-    `folder`, the first and the worst images of each set with the last predictor's poses."""
-    scores = dict[str, SilhouetteScore]()
+) -> tuple[Silhouettes, dict[str, Path]]:
+    """Compare the silhouettes of a model's poses with the masks of each set of images.
+
+    predictors: of raw poses and, if the model has a fit, of refined ones; confidences: their
+    confidence thresholds. Returns the scores, and title -> file of two pictures in `folder`: the
+    first and the worst images of each set, with the last predictor's poses.
+    """
+    scores: list[dict[str, SilhouetteScore]] = [{} for _ in predictors]
     first, worst = list[Image](), list[Image]()
-    prefixes = ("", FITTED)[: len(predictors)]
     for name, images in sets.items():
-        for prefix, predictor, confidence in zip(prefixes, predictors, confidences, strict=True):
+        for of_kind, predictor, confidence in zip(scores, predictors, confidences, strict=True):
             found = predict(predictor, (image.rgb for image in images), len(images))
             silhouettes = _silhouettes(images, found, render, confidence)
             overlaps = [
                 silhouette_iou(image.masks, masks, image.left_out)
                 for image, masks in zip(images, silhouettes, strict=True)
             ]
-            scores[f"{prefix}{name}"] = _score(images, found, overlaps, confidence)
+            of_kind[name] = _score(images, found, overlaps, confidence)
         shown = range(min(DRAWN_IMAGES, len(images)))
         first += [_drawn(images[n], silhouettes[n], name) for n in shown]
         worst += _worst(images, silhouettes, overlaps, name)
     pictures = {name: folder / f"{name}.jpg" for name in ("silhouettes", "worst_silhouettes")}
     write_jpeg(contact_sheet(first, DRAWN_IMAGES), pictures["silhouettes"], QUALITY)
     write_jpeg(contact_sheet(worst, WORST_COLUMNS), pictures["worst_silhouettes"], QUALITY)
-    return scores, pictures
+    return Silhouettes(*scores), pictures
 
 
 def _score(

@@ -2,19 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import asdict, dataclass, field, replace
 
 from shaftpose.core.errors import InputError
-from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.results import Accuracy, Evaluation, Silhouettes
 from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.summary import Summary
 from shaftpose.origin import Origin
 from shaftpose.report.paper_numbers import TABLE_I
-
-STAND_IN = "stand-in"
-FIT = "+fit"  # ends the names of rows of fitted poses
-REAL = "real"
+from shaftpose.stage_files import REAL, STAND_IN
 
 MetricValues = Mapping[str, float | int | None]
 
@@ -31,8 +27,10 @@ class VariantRow:
     `training_images`. Only variants that the paper lacks need a `title`. `summary` is None for
     means of several trainings, and in results of older versions. `depths` are the bins of the true
     depth, none in results of older versions. `training_id`: as in MLflow; `data`: digests of the
-    rendered images with their split and of the real images, if any were mixed in; `origin`: of the
-    evaluation. Results of older versions lack these three.
+    rendered images with their split and of images that were mixed in; `origin`: of the evaluation.
+    Results of older versions lack these three. `refined`: whether the poses are fitted ones.
+    `silhouettes`: fields of a `SilhouetteScore` by set of images (`rendered/clear`,
+    `rendered/occluded`, and both for the domain, such as `stand-in/clear`).
     """
 
     variant: str
@@ -55,19 +53,27 @@ class VariantRow:
     training_id: str = ""
     data: tuple[str, ...] = ()
     origin: Origin | None = None
+    refined: bool = False
+    silhouettes: Mapping[str, MetricValues] = field(default_factory=dict)
+
+    def shown_title(self, domain: str) -> str:
+        """The title by which readers know the row: the paper's, else its own, else its name.
+
+        domain: what the images without poses are; if they are stand-ins, "D + real" becomes
+        "D + stand-in".
+        """
+        title = TABLE_I[self.variant].title if self.variant in TABLE_I else self.title
+        parts = [*(title or self.variant).split(" + "), *(["fit"] if self.refined else [])]
+        return " + ".join(domain if part == REAL else part for part in parts)
 
 
 @dataclass(frozen=True)
 class Champion:
-    """The row of the variant chosen for deployment, and the selection rule as one sentence."""
+    """The variant chosen for deployment, whether with refined poses, and the rule as a sentence."""
 
     variant: str
+    refined: bool
     rule: str
-
-    @property
-    def trained(self) -> str:
-        """The variant that was trained."""
-        return self.variant.removesuffix(FIT)
 
 
 @dataclass(frozen=True)
@@ -75,19 +81,14 @@ class AblationReport:
     """The content of the report.
 
     `profile`: the run's profile in conf/profiles.yaml. `constant`: metrics of the constant
-    predictor. `domain_label`: kind of the "real" images in this study, `stand-in` or `real`.
-    `silhouette`: fields of a `SilhouetteScore` by variant and set of images (`rendered/clear`,
-    `rendered/occluded`, and both for the domain, such as `stand-in/clear`). `figures`: PNG files by
-    title.
+    predictor. `domain_label`: what the images without poses are, `REAL` or `STAND_IN`.
     """
 
     rows: list[VariantRow]
     constant: MetricValues
-    silhouette: Mapping[str, Mapping[str, MetricValues]]
     domain_label: str
     champion: Champion
     profile: str
-    figures: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.domain_label not in (STAND_IN, REAL):
@@ -96,16 +97,36 @@ class AblationReport:
                 "readers know whether real images were measured"
             )
 
-    def title(self, variant: str) -> str:
-        """The title of a variant, by which readers know it."""
-        own = {row.variant: row.title for row in self.rows}
-        return variant_title(variant, self.domain_label, own.get(variant, ""))
+    @property
+    def best(self) -> VariantRow | None:
+        """The champion's row."""
+        return next((row for row in self.rows if self.is_best(row)), None)
+
+    def is_best(self, row: VariantRow) -> bool:
+        """Whether a row is the champion's."""
+        return (row.variant, row.refined) == (self.champion.variant, self.champion.refined)
 
 
-def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
-    """The table row of one variant, with the accuracy of its network's own poses."""
-    training, metrics = evaluation.training, evaluation.accuracy.metrics
-    size, real = training.recipe["size"], training.data.real
+def variant_rows(
+    name: str, evaluation: Evaluation, silhouettes: Silhouettes | None = None
+) -> list[VariantRow]:
+    """The table rows of one variant: its network's own poses and, if it has them, refined ones."""
+    kinds = [(evaluation.raw, silhouettes.raw if silhouettes else {})]
+    if evaluation.refined:
+        kinds.append((evaluation.refined, (silhouettes.refined or {}) if silhouettes else {}))
+    return [
+        replace(
+            _row(name, evaluation, accuracy),
+            refined=accuracy is evaluation.refined,
+            silhouettes={images: asdict(score) for images, score in scores.items()},
+        )
+        for accuracy, scores in kinds
+    ]
+
+
+def _row(name: str, evaluation: Evaluation, accuracy: Accuracy) -> VariantRow:
+    training, metrics = evaluation.training, accuracy.metrics
+    size, mixed_in = training.recipe["size"], training.data.mixed_in
     scaled = training.has_backbone
     return VariantRow(
         variant=name,
@@ -121,32 +142,22 @@ def variant_row(name: str, evaluation: Evaluation) -> VariantRow:
         detector_steps=size["detector_steps"] if training.variant["start"] else 0,
         seeds=(training.seed,),
         parameters=training.parameters,
-        mixed_in_images=real.images if real else 0,
-        summary=evaluation.accuracy.summary,
-        depths=tuple(evaluation.accuracy.binned_errors["z_mm"]),
+        mixed_in_images=mixed_in.images if mixed_in else 0,
+        summary=accuracy.summary,
+        depths=tuple(accuracy.binned_errors["z_mm"]),
         training_id=training.training_id,
-        data=(training.data.digest, *([real.digest] if real else [])),
+        data=(training.data.digest, *([mixed_in.digest] if mixed_in else [])),
         origin=evaluation.origin,
     )
 
 
-def variant_title(variant: str, domain_label: str, own_title: str = "") -> str:
-    """The paper's title of a variant, else its own title, else its name.
-
-    If stand-ins replace real images, "D + real" becomes "D + stand-in".
-    """
-    title = TABLE_I[variant].title if variant in TABLE_I else own_title or variant
-    parts = title.split(" + ")
-    return " + ".join(domain_label if part == REAL else part for part in parts)
-
-
-def choose_champion(validation: Mapping[str, MetricValues], margin: float) -> Champion:
+def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Champion:
     """The variant with the lowest tip error among those whose mAP is within `margin` of the best.
 
-    validation: `mAP` and `tip_mm` on the validation images by variant, where known: a variant that
-    detected no instrument has no tip error and comes last. Test images are not used, as a choice by
-    their metrics would bias these metrics.
+    Both are those on the validation images: a choice by test metrics would bias these metrics. A
+    variant that detected no instrument has no tip error and comes last.
     """
+    validation = {name: one.validation.as_dict() for name, one in evaluations.items()}
     precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
     close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
     tips = {name: validation[name].get("tip_mm") for name in close}
@@ -154,6 +165,7 @@ def choose_champion(validation: Mapping[str, MetricValues], margin: float) -> Ch
     chosen = min(close, key=far.__getitem__)
     return Champion(
         chosen,
+        evaluations[chosen].refined is not None,
         "lowest mean tip error among the variants whose mAP is within "
         f"{margin:g} of the best, both on the validation images, where it has "
         + ", ".join(f"{name} {value:.3g}" for name, value in sorted(validation[chosen].items())

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from shaftpose.figures.style import COLOURS, SOFT, finish, legend, new_figure
 from shaftpose.report import paper_numbers
-from shaftpose.report.ablation import MetricValues, VariantRow, variant_title
+from shaftpose.report.ablation import MetricValues, VariantRow
 
 ABLATION_PANELS = {
     "mAP": "mAP",
@@ -33,7 +33,7 @@ def ablation_figure(
         _draw_ablation(axes, name, rows, constant)
         finish(axes, label, "")
         axes.grid(visible=False, axis="y")
-    titles = [variant_title(row.variant, domain_label, row.title) for row in rows]
+    titles = [row.shown_title(domain_label) for row in rows]
     panels[0].set_yticks(range(len(rows)), titles)
     panels[0].set_ylim(len(rows) - 0.45, -0.55)  # the first variant on top
     legend(figure, panels[0])

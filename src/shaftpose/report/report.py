@@ -3,8 +3,9 @@
 import base64
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
@@ -12,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from shaftpose.core.errors import InputError
 from shaftpose.figures.markdown import escape, pipe_table
 from shaftpose.report import paper_numbers, report_tables
-from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow, variant_title
+from shaftpose.report.ablation import AblationReport, MetricValues, VariantRow
 from shaftpose.report.report_tables import MISSING, ComparedRow, show
 
 HEADLINES = (
@@ -34,7 +35,7 @@ def blocks(report: AblationReport, level: str = "##") -> list[str]:
     headings_ii = ["Images", "Variant", *(c.heading for c in report_tables.TABLE_II_COLUMNS)]
     rows_ii = [[_domains(row), *_pair_cells(row)] for row in report_tables.table_ii(report)]
     return [
-        f"Champion: **{escape(report.title(report.champion.variant))}**: {report.champion.rule}.",
+        f"Champion: **{escape(_champion(report))}**: {report.champion.rule}.",
         f"{level} Table I: accuracy on rendered test images (paper / ours)",
         "A single value is ours: the paper has no such row.",
         table_i_block(report_tables.table_i(report), report_tables.TABLE_I_COLUMNS),
@@ -71,12 +72,8 @@ def to_json(report: AblationReport) -> str:
         "champion": asdict(report.champion),
         "profile": report.profile,
         "domain_label": report.domain_label,
-        "rows": [_json_row(row, report.domain_label) for row in report.rows],
+        "rows": [_json_row(row) for row in report.rows],
         "constant": _finite(report.constant),
-        "silhouette": {
-            variant: {name: _finite(score) for name, score in sets.items()}
-            for variant, sets in report.silhouette.items()
-        },
         "paper_silhouette": {
             variant: {name: asdict(pair) for name, pair in sets.items()}
             for variant, sets in paper_numbers.TABLE_II.items()
@@ -90,15 +87,18 @@ def to_json(report: AblationReport) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def to_html(report: AblationReport) -> str:
-    """The report as one self-contained file: embedded figures, no scripts, no links."""
-    template = files("shaftpose.report").joinpath("report.html.j2").read_text("utf-8")
+def to_html(report: AblationReport, figures: Mapping[str, Path]) -> str:
+    """The report as one self-contained file: no scripts, no links.
+
+    figures: title -> PNG file, to be embedded.
+    """
+    template = resources.files("shaftpose.report").joinpath("report.html.j2").read_text("utf-8")
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     return environment.from_string(template).render(
         report=report,
-        champion=report.title(report.champion.variant),
+        champion=_champion(report),
         headlines=_headlines(report),
         columns_i=report_tables.TABLE_I_COLUMNS,
         columns_ii=report_tables.TABLE_II_COLUMNS,
@@ -112,7 +112,7 @@ def to_html(report: AblationReport) -> str:
         near_and_far=report_tables.depth_table(report),
         in_the_image=report_tables.image_table(report),
         origins=report_tables.origin_table(report),
-        figures={title: _data_uri(Path(path)) for title, path in report.figures.items()},
+        figures={title: _data_uri(path) for title, path in figures.items()},
         missing=MISSING,
     )
 
@@ -129,12 +129,12 @@ def _domains(row: ComparedRow) -> str:
     return row.domain if row.paper is None else f"{row.paper_domain} / {row.domain}"
 
 
-def _json_row(row: VariantRow, domain_label: str) -> dict[str, object]:
+def _json_row(row: VariantRow) -> dict[str, object]:
     paper = paper_numbers.TABLE_I.get(row.variant)
     return {
         **asdict(row),
-        "title": variant_title(row.variant, domain_label, row.title),
         "metrics": _finite(row.metrics),
+        "silhouettes": {name: _finite(score) for name, score in row.silhouettes.items()},
         "paper": asdict(paper) if paper else None,
     }
 
@@ -148,10 +148,14 @@ def _finite(values: MetricValues) -> dict[str, float | int | None]:
 
 def _headlines(report: AblationReport) -> list[tuple[str, str]]:
     """The champion's figures of merit as (heading, value)."""
-    metrics: MetricValues = next(
-        (row.metrics for row in report.rows if row.variant == report.champion.variant), {}
-    )
+    metrics: MetricValues = report.best.metrics if report.best else {}
     return [(c.heading, show(metrics.get(c.name), c.decimals)) for c in HEADLINES]
+
+
+def _champion(report: AblationReport) -> str:
+    """The champion's title."""
+    best = report.best
+    return best.shown_title(report.domain_label) if best else report.champion.variant
 
 
 def _data_uri(path: Path) -> str:

@@ -10,13 +10,11 @@ from shaftpose.metrics.bootstrap import Interval
 from shaftpose.metrics.summary import Summary
 from shaftpose.report import paper_numbers
 from shaftpose.report.ablation import (
-    REAL,
-    STAND_IN,
     AblationReport,
     MetricValues,
     VariantRow,
-    variant_title,
 )
+from shaftpose.stage_files import REAL, STAND_IN
 
 MISSING = "n/a"
 RENDERED = "rendered"
@@ -146,8 +144,7 @@ def show(value: float | int | None, decimals: int) -> str:
 
 def table_i(report: AblationReport) -> list[ComparedRow]:
     """Every variant next to the paper's row, then the constant predictor."""
-    champion = report.champion.variant
-    rows = beside_paper(report.rows, report.domain_label, TABLE_I_COLUMNS, champion)
+    rows = beside_paper(report.rows, report.domain_label, TABLE_I_COLUMNS, report.best)
     constant = ComparedRow("Constant predictor", None, cells(report.constant, TABLE_I_COLUMNS))
     return [*rows, constant]
 
@@ -156,15 +153,15 @@ def beside_paper(
     rows: Iterable[VariantRow],
     domain_label: str,
     columns: tuple[Column, ...],
-    champion: str = "",
+    champion: VariantRow | None = None,
 ) -> list[ComparedRow]:
     """Variants next to the paper's rows, with `±` half the range if trained more than once."""
     return [
         ComparedRow(
-            title=variant_title(row.variant, domain_label, row.title),
-            paper=paper_cells(row.variant, columns),
+            title=row.shown_title(domain_label),
+            paper=None if row.refined else paper_cells(row.variant, columns),
             ours=cells(_measured(row), columns, row.spread),
-            champion=row.variant == champion,
+            champion=row is champion,
         )
         for row in rows
     ]
@@ -174,7 +171,7 @@ def spread_table(report: AblationReport) -> Table:
     """Intervals, medians and 95th percentiles of each variant that has them."""
     rows = [
         [
-            report.title(row.variant),
+            row.shown_title(report.domain_label),
             show_interval(row.summary.mAP, 3),
             show_interval(row.summary.detected_rate, 3),
             show(row.summary.detected_rate_at_half, 3),
@@ -203,7 +200,7 @@ def depth_table(report: AblationReport) -> Table:
     """The bias of the depth of each variant that has it, by true depth."""
     bins = next((row.depths for row in report.rows if row.depths), ())
     headings = ["Variant", *(f"{one.low:g} to {one.high:g} mm" for one in bins)]
-    rows = [[report.title(row.variant), *map(_bias, row.depths)] for row in report.rows]
+    rows = [[row.shown_title(report.domain_label), *map(_bias, row.depths)] for row in report.rows]
     known = [row for row in rows if set(row[1:]) - {MISSING}]
     return Table("Near and far", DEPTHS, headings, known)
 
@@ -219,16 +216,16 @@ def table_ii(report: AblationReport) -> list[ComparedRow]:
     domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
     return [
         ComparedRow(
-            title=report.title(variant),
-            paper=_paper_silhouette_cells(variant, paper_domain),
-            ours=_with_intervals(_by_set(sets, domain)),
+            title=row.shown_title(report.domain_label),
+            paper=_paper_silhouette_cells(row, paper_domain),
+            ours=_with_intervals(_by_set(row.silhouettes, domain)),
             domain=domain,
             paper_domain=paper_word,
-            champion=variant == report.champion.variant,
+            champion=row is report.best,
         )
         for domain, paper_domain, paper_word in domains
-        for variant, sets in report.silhouette.items()
-        if any(name.startswith(f"{domain}/") for name in sets)
+        for row in report.rows
+        if any(name.startswith(f"{domain}/") for name in row.silhouettes)
     ]
 
 
@@ -236,9 +233,13 @@ def image_table(report: AblationReport) -> Table:
     """Errors of tip and axis in the image, without variants for which they were not measured."""
     headings = ["Images", "Variant", *(column.heading for column in IMAGE_COLUMNS)]
     rows = [
-        [domain, report.title(variant), *cells(_by_set(sets, domain), IMAGE_COLUMNS)]
+        [
+            domain,
+            row.shown_title(report.domain_label),
+            *cells(_by_set(row.silhouettes, domain), IMAGE_COLUMNS),
+        ]
         for domain in (RENDERED, report.domain_label)
-        for variant, sets in report.silhouette.items()
+        for row in report.rows
     ]
     known = [row for row in rows if set(row[2:]) != {MISSING}]
     return Table("Tip and axis in the image", IMAGE_ERRORS, headings, known)
@@ -258,7 +259,7 @@ def setup_rows(report: AblationReport) -> list[list[str]]:
     """Training settings of each variant, cells in the order of `SETUP_COLUMNS`."""
     return [
         [
-            report.title(row.variant),
+            row.shown_title(report.domain_label),
             *(show(n, 0) for n in (row.training_images, row.test_images, row.steps)),
             str(row.batch_size),
             *(MISSING if scale is None else f"{scale:g}" for scale in (row.width, row.depth)),
@@ -276,7 +277,7 @@ def origin_table(report: AblationReport) -> Table:
     """How the numbers of each variant were made, if that is known."""
     rows = [
         [
-            report.title(row.variant),
+            row.shown_title(report.domain_label),
             row.origin.command,
             row.origin.commit or MISSING,
             row.origin.machine,
@@ -320,7 +321,7 @@ def table_i_scale(report: AblationReport) -> list[str]:
 
 def _mixed_in(row: VariantRow, domain_label: str) -> str:
     """Sentence on the number of real or stand-in images that a variant was trained on."""
-    title = variant_title(row.variant, domain_label, row.title)
+    title = row.shown_title(domain_label)
     images = f"{row.mixed_in_images:,} {domain_label} images"
     sentence = f"{title}: {images} were mixed in with the rendered ones"
     paper = paper_numbers.TABLE_I.get(row.variant)
@@ -331,7 +332,7 @@ def _mixed_in(row: VariantRow, domain_label: str) -> str:
 
 def table_ii_scale(report: AblationReport) -> list[str]:
     """Sentences on the scale and the images of Table II."""
-    scores = [score for sets in report.silhouette.values() for score in sets.values()]
+    scores = [score for row in report.rows for score in row.silhouettes.values()]
     images, instruments = (
         _span(count for score in scores if (count := score[name]) is not None)
         for name in ("images", "instruments")
@@ -378,8 +379,9 @@ def paper_cells(variant: str, columns: tuple[Column, ...]) -> list[str] | None:
     return cells({**values, "training_images": paper_numbers.TRAINING_IMAGES}, columns)
 
 
-def _paper_silhouette_cells(variant: str, domain: str) -> list[str] | None:
-    sets = {name: asdict(pair) for name, pair in paper_numbers.TABLE_II.get(variant, {}).items()}
+def _paper_silhouette_cells(row: VariantRow, domain: str) -> list[str] | None:
+    pairs = {} if row.refined else paper_numbers.TABLE_II.get(row.variant, {})
+    sets = {name: asdict(pair) for name, pair in pairs.items()}
     values = _by_set(sets, domain)
     return cells(values, TABLE_II_COLUMNS) if values else None
 

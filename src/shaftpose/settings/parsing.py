@@ -55,14 +55,15 @@ def to_json(settings: object) -> str:
     return TypeAdapter(type(settings)).dump_json(settings, indent=1).decode()
 
 
-def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(values: Mapping[str, Any], separator: str = ".") -> dict[str, Any]:
     """{"loss": {"alpha": 1}} -> {"loss.alpha": 1}; sequences stay whole."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            flat |= flatten(value, f"{prefix}{key}.")
+            inner = flatten(value, separator)
+            flat |= {f"{key}{separator}{name}": one for name, one in inner.items()}
         else:
-            flat[f"{prefix}{key}"] = value
+            flat[key] = value
     return flat
 
 

@@ -63,10 +63,14 @@ def _log_inputs(parameters: Mapping[str, Any], dataset: Mapping[str, str], image
 
 
 def log_results(
-    training_id: str, name: str, metrics: Mapping[str, float | None], figures: Mapping[str, Path]
+    training_id: str, name: str, metrics: Mapping[str, Any], figures: Mapping[str, Path]
 ) -> None:
-    """Add test metrics (None is skipped) and figures (title -> file) to a training's run."""
-    known = {key: float(value) for key, value in metrics.items() if value is not None}
+    """Add test metrics and figures (title -> file) to a training's run.
+
+    metrics: nested, logged as `raw/mAP`; None is skipped.
+    """
+    flat = flatten(metrics, "/")
+    known = {key: float(value) for key, value in flat.items() if value is not None}
     with mlflow.start_run(run_id=run_of(training_id, name)):
         mlflow.log_metrics(known)
         for path in figures.values():

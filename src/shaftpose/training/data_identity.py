@@ -9,27 +9,27 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.shards import shard_paths
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.split import PARTS, read_keys
-from shaftpose.stage_files import DataFacts, RealFacts, read_domain
+from shaftpose.stage_files import DataRecord, MixedInImages, read_domain
 
 
-def about_data(with_real: bool, start: Path | None) -> DataFacts:
+def about_data(with_real: bool, start: Path | None) -> DataRecord:
     """The data of a training, including the real, or stand-in, images if they are mixed in.
 
     start: checkpoint of the detector to start from. Raises InputError if it is missing.
     """
     if start is not None and not start.is_file():
         raise InputError(f"{start}: no such detector to start from; run `dvc repro detector`")
-    return DataFacts(
+    return DataRecord(
         start=None if start is None else _digest("", [start]),
         training_images=len(read_keys(Path("data/split"), "train")),
         digest=rendered_digest(),
-        real=_about_real() if with_real else None,
+        mixed_in=_mixed_in() if with_real else None,
     )
 
 
-def _about_real() -> RealFacts:
+def _mixed_in() -> MixedInImages:
     images = read_coco(Path("data/real/train.json"))
-    return RealFacts(read_domain(), len(images), real_digest())
+    return MixedInImages(read_domain(Path("data/real")), len(images), real_digest())
 
 
 def rendered_digest() -> str:

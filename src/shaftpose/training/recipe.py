@@ -22,7 +22,7 @@ from shaftpose.settings.schema import (
 )
 from shaftpose.settings.tree import Settings, check_image_size
 from shaftpose.source_code import source_files
-from shaftpose.stage_files import DataFacts
+from shaftpose.stage_files import DataRecord
 from shaftpose.training.precision import native_precision
 
 # Settings of a training that may change before it resumes.
@@ -120,7 +120,7 @@ def training_recipe(settings: Settings) -> Recipe:
     )
 
 
-def fingerprint(recipe: Recipe, data: DataFacts) -> str:
+def fingerprint(recipe: Recipe, data: DataRecord) -> str:
     """Hexadecimal digest of all that determines a training: settings, code, packages and data."""
     described = json.dumps([recipe.fingerprint_fields(), asdict(data)])
     # The variant's file has numbers as they were written: 1 and 1.0 are the same.

@@ -18,7 +18,7 @@ from shaftpose.core.files import new_file, write_json
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.network.checkpoint import resumed_step
-from shaftpose.stage_files import DataFacts, TrainingFacts, read_training
+from shaftpose.stage_files import DataRecord, TrainingRecord, read_training
 from shaftpose.training.assembly import build_module, build_trainer, training_data
 from shaftpose.training.curves import Curves
 from shaftpose.training.data_identity import about_data
@@ -80,7 +80,7 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
         if trainer.global_step < size.steps:
             logger.info("ended by training.max_hours after %d steps", trainer.global_step)
         curves.write(folder / CURVES)
-        facts = TrainingFacts(
+        facts = TrainingRecord(
             training_id=training_id,
             fingerprint=identity,
             seed=recipe.seed,
@@ -96,9 +96,11 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
     logger.info("checkpoint and learning curves are in %s", out)
 
 
-def digests(data: DataFacts) -> dict[str, str]:
+def digests(data: DataRecord) -> dict[str, str]:
     """The digests of rendered and of real training images, for the tracked run."""
-    return {"digest": data.digest} | ({"real_digest": data.real.digest} if data.real else {})
+    return {"digest": data.digest} | (
+        {"real_digest": data.mixed_in.digest} if data.mixed_in else {}
+    )
 
 
 def is_finished(folder: Path) -> bool:
