@@ -17,7 +17,8 @@ from shaftpose.core.files import write_json
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.blender import Renderer
 from shaftpose.rendering.generator import photograph
-from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.scene import Scene
+from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings

@@ -16,7 +16,7 @@ from shaftpose.rendering.rendered_set import RenderedSet
 
 # The functions of each step; their time includes everything they call.
 STEPS = {
-    "pose sampling": ["shaftpose.rendering.scene:SceneSampler.candidates"],
+    "pose sampling": ["shaftpose.rendering.scene_sampler:SceneSampler.candidates"],
     "rendering": ["shaftpose.rendering.blender:Renderer.render"],
     "reading passes": ["shaftpose.rendering.cycles_passes:_copy_passes"],
     "compositing": [

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from benchmarks.rendering.common import in_processes, quiet_generator
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.scene import Scene
+from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.settings.parsing import to_json
 from shaftpose.stage_files import read_stage_file
 

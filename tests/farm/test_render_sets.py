@@ -29,7 +29,7 @@ from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.render_sets import render_set
 from shaftpose.farm.shard_task import ATTEMPTS
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
-from shaftpose.rendering.scene import SceneSampler
+from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.settings.schema import ClusterSettings, RenderSettings
 from tests.rendering.blender_process import start_python
 

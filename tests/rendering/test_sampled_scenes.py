@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.scene import Scene
+from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.settings.schema import RenderSettings, ShaftSettings
 
 SCENES = 200

@@ -15,7 +15,8 @@ from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
 from shaftpose.rendering.compositing import apply_lens, composite, darken
 from shaftpose.rendering.contact_shadow import contact_shadow
-from shaftpose.rendering.scene import Scene, SceneSampler
+from shaftpose.rendering.scene import Scene
+from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.schema import RenderSettings
 
