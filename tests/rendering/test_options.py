@@ -215,7 +215,7 @@ def forceps_settings(settings: RenderSettings) -> RenderSettings:
         light_shape="ring",
         anisotropy=(0.3, 0.9),
         films=(0.2, 0.6),
-        coating_probability=0.5,
+        coating_probability=0.7,
         contact_shadow=(0.3, 0.8),
         occluder_probability=0.6,
         occluder_coverage=(0.1, 0.6),

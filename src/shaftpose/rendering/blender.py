@@ -94,7 +94,8 @@ class Renderer:
         self._jaws: list[tuple[Any, Mesh]] = []
         self._tissues: list[TissueMaterial] = []
         self._occluders: list[tuple[Any, Mesh]] = []
-        self._images: list[Any] = []  # of the background: reflected by metal, shown by tissue
+        self._images: list[Any] = []  # of the scene: reflected by metal, shown by tissue, coatings
+        self._past_images: list[Any] = []  # of earlier scenes
         self._reader = PassReader()
 
     def render(self, scene: Scene) -> Foreground | None:
@@ -126,9 +127,7 @@ class Renderer:
     def _show_background(self, path: Path, light: Light) -> None:
         images = [mirrored_image(read_rgb(path)), bpy.data.images.load(str(path.resolve()))]
         self._glow.apply(images[0], light.ambient)
-        # Cycles' persistent data ignores changes to an image, but not a new image.
-        for image in self._images:
-            bpy.data.images.remove(image)
+        self._past_images += self._images
         self._images = images
         for lamp in self._lamps:
             lamp.data.energy = light.strength / len(self._lamps)
@@ -139,7 +138,7 @@ class Renderer:
             self._add_shaft()
         self._places = [_pose_matrix(*pair) for pair in zip(poses, rolls_deg, strict=True)]
         for number, shaft in enumerate(self._shafts):
-            shaft.hide_render = number >= len(poses)
+            _show(shaft, number < len(poses))
             if number < len(poses):
                 shaft.matrix_world = _to_blender(_FLIP @ self._places[number])
 
@@ -157,7 +156,7 @@ class Renderer:
         self._films.append(FilmLayer(steel.material))
 
     def _coat(self, scene: Scene) -> None:
-        """Give the shafts their coatings; the pictures are removed with the background's."""
+        """Give the shafts their coatings."""
         size_mm = np.pi * self._shape.diameter_mm, self._shape.length_mm
         pairs = zip(scene.coatings, scene.steels, strict=False)
         for layer, pair in zip_longest(self._coatings, pairs):
@@ -231,11 +230,22 @@ class Renderer:
         for region in cover(touched, _RENDER_PX_SAMPLES / self._samples):
             _set_border(self._scene, region, self._pinhole)
             passes = self._reader.render()
+            self._remove_past_images()
             linear[region.slices] = passes["Combined"]
             index[region.slices] = np.rint(passes["IndexOB"][..., 0])
         index[index == _UNANNOTATED_INDEX] = 0
         whole = Region(*mask_box(touched))
         return Foreground(whole, linear[whole.slices], index[whole.slices])
+
+    def _remove_past_images(self) -> None:
+        """Remove the images of earlier scenes, after a render without them.
+
+        Cycles' persistent data ignores changes to an image, so each scene has new images. Cycles
+        knows them by their addresses: until a render without an image, a new one at its address
+        would look like it.
+        """
+        while self._past_images:
+            bpy.data.images.remove(self._past_images.pop())
 
     def _touched(self) -> NDArray[np.bool_]:
         """Mask (H, W) of pixels that a shaft or an occluder may touch, plus a margin."""
@@ -280,6 +290,15 @@ def _turned_about_z(angle_deg: float) -> NDArray[np.float64]:
     turn, matrix = np.radians(angle_deg), np.eye(4)
     matrix[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
     return matrix
+
+
+def _show(shaft: Any, shown: bool) -> None:
+    """Show a shaft to all rays, or to none.
+
+    Not `hide_render`: Cycles would keep the material, and its images, of a hidden object.
+    """
+    for rays in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(shaft, f"visible_{rays}", shown)
 
 
 def _remove(placed: Sequence[tuple[Any, Mesh]]) -> None:
