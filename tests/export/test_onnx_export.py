@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
 from shaftpose.export.onnx_export import export_onnx
 from shaftpose.export.parity import check_parity, mask_difference
 from shaftpose.inference.predictor import Predictor
 from shaftpose.network.dense.network import DenseNetwork
-from shaftpose.network.dense.pinhole import Pinhole
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import normalise_images
-from shaftpose.network.ssd.classification_head import ArchitectureB
 from shaftpose.network.ssd.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features
 from shaftpose.network.ssd.pose_bins import BinCoder
@@ -151,7 +150,7 @@ def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
     """Architecture B: the file decodes its logits to the centres of the likeliest bins."""
     torch.manual_seed(0)
     coder = BinCoder(*RANGES, steps=(1, 1, 1, 5, 5))
-    network = SingleShotNetwork(SampledColours(), ArchitectureB, coder, paper_loss())
+    network = SingleShotNetwork(SampledColours(), ArchitectureC, coder, paper_loss())
     detector = ShaftDetector(network, LIMITS)
     export_onnx(detector, tmp_path / "classes.onnx", 299)
     session = onnxruntime.InferenceSession(tmp_path / "classes.onnx")
@@ -168,7 +167,9 @@ def test_classes_are_decoded_inside_the_file(tmp_path: Path) -> None:
 
 def test_a_dense_network_is_exported_with_its_decoding(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    network = DenseNetwork((8, 8, 8, 16), Pinhole(299, 95.0), None, E_LOSS).eval()
+    network = DenseNetwork(
+        (8, 8, 8, 16), Camera.from_field_of_view(299, 299, 95.0), None, E_LOSS
+    ).eval()
     tips = network.maps[1]
     assert isinstance(tips, nn.Conv2d) and tips.bias is not None and network.mask.bias is not None
     nn.init.constant_(tips.bias[:1], 0.0)  # so that there are peaks,

@@ -15,8 +15,8 @@ from torch import nn
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
 from shaftpose.inference.model_facts import ModelFacts
-from shaftpose.network import nms  # registers its operator
 from shaftpose.network.detector import ShaftDetector
+from shaftpose.network.ssd.decoding import NMS_OPERATOR
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 OPSET = 20
@@ -41,7 +41,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
             input_names=["image"],
             output_names=list(exported.output_names),
             dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
-            custom_translation_table={nms.OPERATOR: _onnx_nms_mask},
+            custom_translation_table={NMS_OPERATOR: _onnx_nms_mask},
             verbose=False,
         )
     assert program is not None

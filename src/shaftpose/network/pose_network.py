@@ -1,10 +1,13 @@
-"""The interface of a network; trainer, export and evaluation use nothing else."""
+"""The interface of a network, and the functions that all networks share.
+
+Trainer, export and evaluation use nothing else of a network.
+"""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor, distributed, nn
 
 from shaftpose.dataset.batches import Targets
 from shaftpose.settings.schema import DetectionSettings
@@ -64,3 +67,29 @@ def normalise_images(images: Tensor) -> Tensor:
     """(B, H, W, 3) uint8 RGB -> (B, 3, H, W) float in [-1, 1], channels last in memory."""
     pixels = images.permute(0, 3, 1, 2).float()
     return torch.add(-1.0, pixels, alpha=1 / 127.5)
+
+
+def wrap_yaw(poses: Tensor) -> Tensor:
+    """Poses (..., 5) with yaw in [0, 360) deg."""
+    yaw = torch.remainder(poses[..., 4:], 360.0)
+    # The remainder of a tiny negative angle is rounded to 360 itself.
+    return torch.cat([poses[..., :4], torch.where(yaw >= 360.0, 0.0, yaw)], dim=-1)
+
+
+def gather_rows(values: Tensor, rows: Tensor) -> Tensor:
+    """values (B, M, K) at rows (B, N) int64 -> (B, N, K)."""
+    return values.gather(1, rows[..., None].expand(-1, -1, values.shape[2]))
+
+
+def rank_count() -> int:
+    """The number of processes (ranks) of a distributed training; otherwise 1."""
+    running = distributed.is_available() and distributed.is_initialized()
+    return distributed.get_world_size() if running else 1
+
+
+def sum_over_ranks(value: Tensor) -> Tensor:
+    """The sum of a tensor over all ranks, the same on each; no gradient flows through it."""
+    value = value.detach().clone()
+    if rank_count() > 1:
+        distributed.all_reduce(value)
+    return value

@@ -1,7 +1,7 @@
 """Fit of one pose to the edges of a mask or of an image.
 
-A pose is fitted in five parameters: the tip in the image (px, px), the logarithm of its depth,
-pitch and yaw (deg). A network errs along the ray through the tip far more than across it.
+A pose is fitted in the parameters of `pose_parameters`, because a network errs along the ray
+through the tip far more than across it.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, signed_deg, unsigned_deg
+from shaftpose.core.geometry import Camera, signed_deg
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
+from shaftpose.refinement.pose_parameters import derivatives, moved, parameters
 
 _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])  # of the parameters
 _LEAST_PX = 10.0  # of clear outline
@@ -143,26 +144,3 @@ def whitened(values: Array, information: Array, parts: NDArray[np.intp], shared_
         k = (1 - 1 / np.sqrt(1 + shared_px**2 * (u @ u))) / (u @ u)
         scaled[of_part] -= k * np.outer(u, u @ scaled[of_part])
     return np.asarray(scaled)
-
-
-def parameters(pose: Array, camera: Camera) -> Array:
-    """The parameters (5,) of a pose (5,) mm, deg."""
-    return np.array([*camera.project(pose[:3]), np.log(pose[2]), *pose[3:]])
-
-
-def derivatives(pose: Array, camera: Camera) -> Array:
-    """Derivatives (5, 5) of a pose by its parameters."""
-    spread = np.eye(5)
-    spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
-    spread[:3, 2] = pose[:3]
-    return spread
-
-
-def moved(pose: Array, step: Array, camera: Camera) -> Array:
-    """The pose after a step (5,) of the parameters, with its pitch in [0, 180] deg."""
-    u, v, log_depth, pitch, yaw = parameters(pose, camera) + step
-    if not 0 <= pitch <= 180:  # the axis has passed the line of sight
-        pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
-    depth = np.exp(log_depth)
-    x, y = camera.lift(np.array([u, v]), depth)
-    return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])

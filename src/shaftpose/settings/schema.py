@@ -414,7 +414,7 @@ class LossSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class DetectionSettings:
-    """Limits of decoding, see `shaftpose.network.decoding`, and the refinement of poses, see
+    """Limits of decoding, see `shaftpose.network.ssd.decoding`, and the refinement of poses, see
     `shaftpose.refinement.refiner`.
 
     confidence_threshold: None for the model's own.

@@ -12,10 +12,14 @@ from torch.nn.utils import get_total_norm
 
 from shaftpose.core.errors import InputError
 from shaftpose.dataset.batches import Batch
-from shaftpose.network import ranks
 from shaftpose.network.checkpoint import Identity
-from shaftpose.network.pose_network import COUNTS, PoseNetwork, normalise_images
-from shaftpose.network.ssd.layers import freeze_statistics
+from shaftpose.network.pose_network import (
+    COUNTS,
+    PoseNetwork,
+    normalise_images,
+    rank_count,
+    sum_over_ranks,
+)
 from shaftpose.settings.schema import DetectionSettings
 from shaftpose.training.muon import Muon
 
@@ -155,5 +159,12 @@ class ShaftModule(LightningModule):
 
 def of_all_ranks(terms: dict[str, Tensor]) -> dict[str, Tensor]:
     """The loss terms of a whole batch, from those of the ranks that share it."""
-    totals = dict(zip(terms, ranks.total(torch.stack(list(terms.values()))), strict=True))
-    return {name: t if name in COUNTS else t / ranks.count() for name, t in totals.items()}
+    totals = dict(zip(terms, sum_over_ranks(torch.stack(list(terms.values()))), strict=True))
+    return {name: t if name in COUNTS else t / rank_count() for name, t in totals.items()}
+
+
+def freeze_statistics(network: nn.Module) -> None:
+    """Make batch normalisation use its running statistics without updating them."""
+    for module in network.modules():
+        if isinstance(module, nn.modules.batchnorm._BatchNorm):  # includes SyncBatchNorm
+            module.eval()

@@ -11,15 +11,14 @@ from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.batches import Targets
+from shaftpose.network.dense.coding import decoded_poses, encoded_axis, lift, project
 from shaftpose.network.dense.decoding import decode
+from shaftpose.network.dense.loss import dense_targets
 from shaftpose.network.dense.network import DenseNetwork
-from shaftpose.network.dense.pinhole import Pinhole
-from shaftpose.network.dense.targets import decoded_poses, dense_targets, encoded_axis
 from shaftpose.refinement.contour import Shaft
 from tests.network.tiny import E_LOSS, LIMITS
 
 SIDE, CELLS, DIAMETER_MM, LENGTH_MM = 299, 75, 3.0, 150.0
-PINHOLE = Pinhole(SIDE, 95.0)
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
 POSES = [[-6.0, 4.0, 20.0, 70.0, 130.0], [7.0, -2.0, 25.0, 80.0, 300.0]]
 
@@ -47,7 +46,7 @@ def targets_of(poses: list[list[float]]) -> Targets:
 
 def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
     """The mask and the maps of a network that knows the targets."""
-    truth = dense_targets(targets, CELLS, PINHOLE)
+    truth = dense_targets(targets, CELLS, CAMERA)
     known = truth.values * truth.counts
     maps = torch.cat([torch.logit(truth.heat, eps=1e-6)[:, None], known], dim=1)
     assert targets.instances is not None
@@ -55,22 +54,23 @@ def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
     return mask, maps
 
 
-def test_pinhole_is_the_projects_camera() -> None:
+def test_tensors_are_projected_as_by_the_camera() -> None:
     points = torch.tensor([[1.0, -2.0, 20.0], [5.0, 3.0, 11.0]])
-    expected = CAMERA.project(points.double().numpy())
-    np.testing.assert_allclose(PINHOLE.project(points).numpy(), expected, rtol=1e-5)
-    torch.testing.assert_close(PINHOLE.lift(PINHOLE.project(points), points[:, 2:]), points)
+    aside = replace(CAMERA, cx=140.0, cy=155.0)
+    pixels = project(points, aside)
+    np.testing.assert_allclose(pixels.numpy(), aside.project(points.double().numpy()), rtol=1e-5)
+    torch.testing.assert_close(lift(pixels, points[:, 2:], aside), points)
 
 
 def test_poses_survive_their_coding() -> None:
     poses = torch.tensor(POSES)
-    tips = PINHOLE.project(poses[:, :3])
+    tips = project(poses[:, :3], CAMERA)
     values = torch.cat([2 * torch.log(poses[:, 2:3] / 25), encoded_axis(poses)], dim=-1)
-    torch.testing.assert_close(decoded_poses(tips, values, PINHOLE), poses, rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(decoded_poses(tips, values, CAMERA), poses, rtol=1e-4, atol=1e-3)
 
 
 def test_targets_by_hand() -> None:
-    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), CELLS, PINHOLE)
+    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), CELLS, CAMERA)
     on_shaft = counts.all(1)
     u, v = 136.99 * -6 / 20 + 149.5, 136.99 * 4 / 20 + 149.5
     row, column = int(v / SIDE * CELLS), int(u / SIDE * CELLS)
@@ -79,10 +79,10 @@ def test_targets_by_hand() -> None:
     cell = on_shaft[0].nonzero()[3]
     x, y = ((cell.flip(0) + 0.5) * SIDE / CELLS).tolist()
     shown = values[0, :, cell[0], cell[1]].tolist()
-    way = (u - x) / 50, (v - y) / 50
+    offset = (u - x) / 50, (v - y) / 50
     p, w = np.radians(70), np.radians(130)
     axis = [np.sin(p) * np.cos(w), np.sin(p) * np.sin(w), -2 * np.cos(p)]
-    assert shown == pytest.approx([*way, 2 * np.log(20 / 25), *axis], abs=1e-3)
+    assert shown == pytest.approx([*offset, 2 * np.log(20 / 25), *axis], abs=1e-3)
     assert has_heat.tolist() == [True, False]
     assert not heat[1].any() and not counts[1].any()  # the image without poses
 
@@ -90,9 +90,9 @@ def test_targets_by_hand() -> None:
 def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     targets = targets_of(POSES)
     assert targets.instances is not None
-    tips = PINHOLE.project(targets.poses[..., :3])
+    tips = project(targets.poses[..., :3], CAMERA)
     shown = targets._replace(instances=targets.instances[[0, 0]], tips_px=tips)
-    truth = dense_targets(shown, CELLS, PINHOLE)
+    truth = dense_targets(shown, CELLS, CAMERA)
     assert truth.has_heat.tolist() == [True, True]
     torch.testing.assert_close(truth.heat[1], truth.heat[0])
     torch.testing.assert_close(truth.values[1, :2], truth.values[0, :2])
@@ -101,7 +101,7 @@ def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     # One unknown tip: no heat, since its place is not background, and offsets of the other alone.
     tips = tips.clone()
     tips[1, 0] = torch.nan
-    truth = dense_targets(shown._replace(tips_px=tips), CELLS, PINHOLE)
+    truth = dense_targets(shown._replace(tips_px=tips), CELLS, CAMERA)
     assert truth.has_heat.tolist() == [True, False]
     at = ((torch.arange(CELLS) + 0.5) * SIDE / CELLS).long()
     first, second = (targets.instances[0][at][:, at] == number for number in (1, 2))
@@ -114,12 +114,12 @@ def test_an_image_of_a_left_out_shaft_alone_has_no_heat() -> None:
     instances = torch.zeros(2, SIDE, SIDE, dtype=torch.uint8)
     instances[1, 0, 0] = UNKNOWN  # no cell's centre
     empty = targets._replace(valid=torch.zeros_like(targets.valid), instances=instances)
-    assert dense_targets(empty, CELLS, PINHOLE).has_heat.tolist() == [True, False]
+    assert dense_targets(empty, CELLS, CAMERA).has_heat.tolist() == [True, False]
 
 
 def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
     targets = targets_of(POSES)
-    found = decode(*perfect_outputs(targets), PINHOLE, LIMITS)
+    found = decode(*perfect_outputs(targets), CAMERA, LIMITS)
     scores = found.scores[0]
     assert (scores > 0.5).sum() == 2
     order = found.poses[0, :2, 0].argsort()
@@ -133,7 +133,7 @@ def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
 def test_fewer_places_keep_the_best() -> None:
     outputs = perfect_outputs(targets_of(POSES))
     limits = replace(LIMITS, max_detections=1)
-    assert decode(*outputs, PINHOLE, limits).poses.shape == (2, 1, 5)
+    assert decode(*outputs, CAMERA, limits).poses.shape == (2, 1, 5)
 
 
 def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie() -> None:
@@ -141,14 +141,14 @@ def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie()
     targets = targets_of([[-1.0, 0.0, 20.0, 80.0, 180.0], [1.0, 0.0, 20.0, 80.0, 90.0]])
     mask, maps = perfect_outputs(targets)
     maps[0, 1, :, : CELLS // 2 - 10] += 9 / 50
-    found = decode(mask, maps, PINHOLE, LIMITS)
+    found = decode(mask, maps, CAMERA, LIMITS)
     order = found.poses[0, :2, 0].argsort()
     np.testing.assert_allclose(found.boxes[0, order], targets.boxes[0] * SIDE, atol=6)
 
 
 def test_perfect_outputs_have_next_to_no_loss() -> None:
     targets = targets_of(POSES)
-    terms = E_LOSS(*perfect_outputs(targets), targets, PINHOLE)
+    terms = E_LOSS(*perfect_outputs(targets), targets, CAMERA)
     assert terms["pose"] == 0
     assert terms["tip"] < 0.1  # next to the peak the truth is neither 0 nor 1
     assert terms["mask"] < 0.5  # half the resolution blurs the border
@@ -158,7 +158,7 @@ def test_perfect_outputs_have_next_to_no_loss() -> None:
 def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     targets = targets_of(POSES)
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
-    E_LOSS(mask + 0.1, maps + 0.1, targets, PINHOLE)["loss"].backward()
+    E_LOSS(mask + 0.1, maps + 0.1, targets, CAMERA)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
@@ -170,7 +170,7 @@ def test_an_image_without_poses_teaches_its_mask_alone() -> None:
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
     known = targets.instances[[0, 0]]
     known[1, :, :50] = UNKNOWN
-    E_LOSS(mask, maps, targets._replace(instances=known), PINHOLE)["loss"].backward()
+    E_LOSS(mask, maps, targets._replace(instances=known), CAMERA)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[1].any() and not maps.grad[1].any()
     assert not mask.grad[1, :, :, :24].any()  # half the resolution
@@ -187,7 +187,7 @@ def test_the_border_weighs_ten_times_as_much() -> None:
 
 def test_the_network_learns_one_image_by_heart() -> None:
     torch.manual_seed(0)
-    network = DenseNetwork((8, 8, 8, 16), PINHOLE, Shaft(DIAMETER_MM, LENGTH_MM), E_LOSS)
+    network = DenseNetwork((8, 8, 8, 16), CAMERA, Shaft(DIAMETER_MM, LENGTH_MM), E_LOSS)
     targets = targets_of(POSES)
     assert targets.instances is not None
     image = (targets.instances[:, None] > 0).float().expand(-1, 3, -1, -1) * 2 - 1

@@ -4,11 +4,15 @@ import numpy as np
 import torch
 
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.dense.edge_reader import EdgeReader
-from shaftpose.network.dense.edge_samples import covered, edge_samples, true_offsets
+from shaftpose.network.dense.edge_reader import (
+    EdgeReader,
+    covered,
+    edge_samples,
+    true_offsets,
+)
 from shaftpose.refinement.contour import Shaft, shaft_contour
 from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS
-from shaftpose.refinement.fit import moved
+from shaftpose.refinement.pose_parameters import moved
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, SIDE_PX, fine_mask, soft_mask
 
 

@@ -1,8 +1,17 @@
+import math
+
 import pytest
 import torch
 
-from shaftpose.network.ssd.boxes import to_centre, to_corners
-from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL, clipped
+from shaftpose.network.ssd.default_boxes import (
+    BOXES_PER_CELL,
+    clipped,
+    decode_boxes,
+    encode_boxes,
+    pairwise_iou,
+    to_centre,
+    to_corners,
+)
 from tests.network.ssd.even_boxes import even_boxes
 
 
@@ -46,3 +55,37 @@ def test_clipped_boxes_end_at_the_border() -> None:
     )
     expected = [[0.0, 0.2, 0.3, 1.0], [0.4, 0.4, 0.5, 0.5], [0.0, 0.0, 1.0, 1.0]]
     torch.testing.assert_close(to_corners(clipped(boxes)), torch.tensor(expected))
+
+
+def test_encode_by_hand() -> None:
+    default = torch.tensor([[0.5, 0.5, 0.2, 0.4]])
+    box = to_corners(torch.tensor([[0.51, 0.48, 0.4, 0.2]]))
+    expected = [0.01 / 0.2 / 0.1, -0.02 / 0.4 / 0.1, math.log(2) / 0.2, -math.log(2) / 0.2]
+    assert encode_boxes(box, default)[0].tolist() == pytest.approx(expected, abs=1e-5)
+
+
+def test_decode_undoes_encode() -> None:
+    defaults = even_boxes()
+    boxes = torch.tensor([0.2, 0.3, 0.9, 0.7]).expand(2, len(defaults), 4)
+    torch.testing.assert_close(decode_boxes(encode_boxes(boxes, defaults), defaults), boxes)
+
+
+def test_conversions_undo_each_other() -> None:
+    boxes = even_boxes()
+    assert to_corners(torch.tensor([0.5, 0.4, 0.2, 0.4])).tolist() == pytest.approx(
+        [0.4, 0.2, 0.6, 0.6]
+    )
+    torch.testing.assert_close(to_centre(to_corners(boxes)), boxes)
+
+
+def test_iou_by_hand() -> None:
+    first = torch.tensor([[0.0, 0.0, 2.0, 2.0], [5.0, 5.0, 5.0, 5.0]])
+    second = torch.tensor([[1.0, 1.0, 3.0, 3.0], [0.0, 0.0, 2.0, 1.0], [4.0, 4.0, 5.0, 5.0]])
+    expected = torch.tensor([[1 / 7, 1 / 2, 0.0], [0.0, 0.0, 0.0]])
+    torch.testing.assert_close(pairwise_iou(first, second), expected)
+
+
+def test_iou_of_a_batch() -> None:
+    boxes = torch.tensor([[[0.0, 0.0, 1.0, 1.0]], [[0.0, 0.0, 1.0, 2.0]]])
+    iou = pairwise_iou(boxes, torch.tensor([[0.0, 0.0, 1.0, 1.0]]))
+    assert iou.tolist() == [[[1.0]], [[0.5]]]

@@ -2,7 +2,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.ssd.classification_head import ArchitectureB
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
 from shaftpose.network.ssd.heads import ArchitectureC, ArchitectureD, flatten_maps
 from shaftpose.network.ssd.inception_v4 import MAP_SIZES
@@ -20,7 +19,7 @@ Head = type[ArchitectureC] | type[ArchitectureD]
 
 
 @pytest.mark.parametrize("pose_values", [5, 190])
-@pytest.mark.parametrize("head_class", [ArchitectureB, ArchitectureC, ArchitectureD])
+@pytest.mark.parametrize("head_class", [ArchitectureC, ArchitectureD])
 def test_shapes(head_class: Head, pose_values: int) -> None:
     outputs = head_class(CHANNELS, BOXES_PER_CELL, 0.1, pose_values)(random_features())
     assert outputs.class_logits.shape == (2, 7322, 2)
@@ -57,7 +56,7 @@ def test_order_of_boxes_in_a_cell_is_that_of_the_default_boxes() -> None:
 
 @pytest.mark.parametrize(
     ("head_class", "depends"),
-    [(ArchitectureB, False), (ArchitectureC, False), (ArchitectureD, True)],
+    [(ArchitectureC, False), (ArchitectureD, True)],
 )
 def test_only_d_feeds_class_and_box_into_the_pose(head_class: Head, depends: bool) -> None:
     torch.manual_seed(0)

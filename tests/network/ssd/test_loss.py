@@ -4,10 +4,9 @@ import pytest
 import torch
 
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.ssd.box_coding import encode_boxes
+from shaftpose.network.ssd.default_boxes import encode_boxes, to_centre
 from shaftpose.network.ssd.heads import HeadOutputs
-from shaftpose.network.ssd.loss import LossTerms, ShaftLoss
-from shaftpose.network.ssd.matching import match_boxes
+from shaftpose.network.ssd.loss import LossTerms, ShaftLoss, hard_negatives, match_boxes
 from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.pose_coding import PoseCoder, RegressionCoder
 from tests.network.ssd.even_boxes import even_boxes
@@ -138,3 +137,75 @@ def test_half_precision_outputs_are_summed_in_float32(pose_coder: RegressionCode
     assert terms.loss.dtype == torch.float32
     expected = paper_loss(zero_outputs(), targets(), pose_coder)
     assert terms.loss.item() == expected.loss.item()
+
+
+# Four default boxes: the left half, the right half, the whole image, a small one in the corner.
+FOUR_BOXES = to_centre(
+    torch.tensor(
+        [[0.0, 0.0, 0.5, 1.0], [0.5, 0.0, 1.0, 1.0], [0.0, 0.0, 1.0, 1.0], [0.9, 0.9, 1.0, 1.0]]
+    )
+)
+
+
+def matched(boxes: list[list[float]], valid: list[bool]) -> list[int]:
+    return match_boxes(torch.tensor([boxes]), torch.tensor([valid]), FOUR_BOXES)[0].tolist()
+
+
+def test_overlap_from_the_threshold_on() -> None:
+    # IoU with the left half: 0.4 / 0.5 = 0.8; with the whole image: 0.4.
+    assert matched([[0.0, 0.0, 0.4, 1.0]], [True]) == [0, -1, -1, -1]
+    # With the left half: 1, then 0.98; with the whole image: exactly 0.5, then less.
+    assert matched([[0.0, 0.0, 0.5, 1.0]], [True]) == [0, -1, 0, -1]
+    assert matched([[0.0, 0.0, 0.49, 1.0]], [True]) == [0, -1, -1, -1]
+    # With the left half 0.5 / 0.8 = 0.625; with the whole image 0.8.
+    assert matched([[0.0, 0.0, 0.8, 1.0]], [True]) == [0, -1, 0, -1]
+
+
+def test_every_ground_truth_gets_its_best_box() -> None:
+    # IoU with the right half: 0.04 / 0.5; with the whole image: 0.04. Both below the threshold.
+    assert matched([[0.6, 0.0, 0.8, 0.2]], [True]) == [-1, 0, -1, -1]
+
+
+def test_force_match_wins_over_a_larger_overlap() -> None:
+    whole, quarter = [0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.5, 0.5]
+    assert matched([whole, quarter], [True, True]) == [1, 0, 0, -1]
+
+
+def test_later_ground_truth_wins_a_shared_best_box() -> None:
+    first, second = [0.0, 0.0, 0.5, 0.9], [0.0, 0.0, 0.5, 0.8]
+    assert matched([first, second], [True, True])[0] == 1
+    assert matched([second, first], [True, True])[0] == 1
+
+
+def test_padding_is_never_matched() -> None:
+    left, padding = [0.0, 0.0, 0.5, 1.0], [0.0, 0.0, 1.0, 1.0]
+    assert matched([left, padding], [True, False]) == [0, -1, 0, -1]
+    assert matched([padding, left], [False, True]) == [1, -1, 1, -1]
+    assert matched([left, left], [False, False]) == [-1, -1, -1, -1]
+
+
+def test_images_of_a_batch_do_not_mix() -> None:
+    boxes = torch.tensor([[[0.1, 0.1, 0.4, 0.4]], [[0.5, 0.2, 0.95, 0.8]]])
+    valid = torch.ones(2, 1, dtype=torch.bool)
+    together = match_boxes(boxes, valid, even_boxes())
+    for i in range(2):
+        alone = match_boxes(boxes[i : i + 1], valid[i : i + 1], even_boxes())
+        assert torch.equal(together[i], alone[0])
+        assert (alone >= 0).any()
+
+
+@pytest.mark.parametrize(("positives", "negatives"), [(0, 0), (1, 3), (2, 6), (3, 7)])
+def test_three_negatives_per_positive(positives: int, negatives: int) -> None:
+    positive = (torch.arange(10) < positives)[None]
+    chosen = hard_negatives(torch.zeros(1, 10, 2), positive, ratio=3)
+    assert int(chosen.sum()) == negatives
+    assert not (chosen & positive).any()
+
+
+def test_hardest_negatives_are_chosen_image_by_image() -> None:
+    instrument = torch.tensor([[9.0, 1, 7, 2, 3, 4], [0.0, 5, 4, 3, 2, 1]])
+    logits = torch.stack([torch.zeros(2, 6), instrument], dim=-1)
+    positive = torch.zeros(2, 6, dtype=torch.bool)
+    positive[0, 0] = positive[1, 1] = True
+    chosen = hard_negatives(logits, positive, ratio=2)
+    assert chosen.nonzero().tolist() == [[0, 2], [0, 5], [1, 2], [1, 3]]

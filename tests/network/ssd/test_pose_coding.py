@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from shaftpose.network.ssd.pose_coding import RegressionCoder
+from shaftpose.network.ssd.pose_coding import RegressionCoder, smooth_l1
 
 
 def test_values_by_hand(pose_coder: RegressionCoder) -> None:
@@ -30,3 +30,9 @@ def test_ranges_travel_with_the_weights(pose_coder: RegressionCoder) -> None:
     other = RegressionCoder((0,) * 5, (1,) * 5)
     other.load_state_dict(pose_coder.state_dict())
     assert other.high.tolist() == [20, 20, 40, 90, 358]
+
+
+def test_smooth_l1_by_hand() -> None:
+    errors = torch.tensor([[0.0, 0.5, -0.5], [1.0, -1.0, -3.0]])
+    expected = torch.tensor([[0.0, 0.125, 0.125], [0.5, 0.5, 2.5]])
+    torch.testing.assert_close(smooth_l1(errors), expected)

@@ -1,8 +1,7 @@
 import pytest
 import torch
 
-from shaftpose.network.pose_network import normalise_images
-from shaftpose.network.ssd.boxes import to_corners
+from shaftpose.network.ssd.default_boxes import to_corners
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 
 
@@ -12,15 +11,6 @@ def test_outputs_have_one_row_per_default_box(tiny_network: SingleShotNetwork) -
     assert [tuple(output.shape) for output in outputs] == [
         (1, len(tiny_network.defaults), values) for values in (2, 4, 5)
     ]
-
-
-def test_normalised_images() -> None:
-    images = torch.zeros(1, 2, 3, 3, dtype=torch.uint8)
-    images[0, 1, 2] = torch.tensor([255, 0, 51])
-    normalised = normalise_images(images)
-    assert normalised.shape == (1, 3, 2, 3)
-    torch.testing.assert_close(normalised[0, :, 1, 2], torch.tensor([1.0, -1.0, -0.6]))
-    assert normalised.is_contiguous(memory_format=torch.channels_last)
 
 
 def test_default_boxes_lie_where_cells_look_and_end_at_the_border(

@@ -4,10 +4,15 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from shaftpose.network.decoding import gather_rows
-from shaftpose.network.dense.pinhole import Pinhole
-from shaftpose.network.dense.targets import WAY_PX, decoded_poses, decoded_tips_and_axes
-from shaftpose.network.pose_network import DecodedOutputs
+from shaftpose.core.geometry import Camera
+from shaftpose.network.dense.coding import (
+    OFFSET_SCALE_PX,
+    cell_centres,
+    decoded_poses,
+    decoded_tips_and_axes,
+    project,
+)
+from shaftpose.network.pose_network import DecodedOutputs, gather_rows
 from shaftpose.settings.schema import DetectionSettings
 
 _PEAK_CELLS = 5  # window in which a peak is the maximum, along x and y
@@ -22,24 +27,23 @@ _NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
 _ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
-def decode(
-    mask: Tensor, maps: Tensor, pinhole: Pinhole, limits: DetectionSettings
-) -> DecodedOutputs:
+def decode(mask: Tensor, maps: Tensor, camera: Camera, limits: DetectionSettings) -> DecodedOutputs:
     """Decode one instrument for each of the highest peaks.
 
     The pose is the mean over the mask's cells that vote for the peak. The box is the extent of the
     peak's pixels in the mask. mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
     """
     mask, maps = mask.float(), maps.float()
-    heat, centres = maps[:, 0].sigmoid(), pinhole.cell_centres(maps.shape[-1], maps)
+    heat, centres = maps[:, 0].sigmoid(), cell_centres(maps.shape[-1], camera.width, maps.device)
     scores, peaks = _peaks(heat, limits.max_detections)
     tips = _refined(heat, centres, peaks)
     coarse = functional.interpolate(mask, size=maps.shape[-2:], mode="bilinear")
-    ways = _directions(coarse, maps, tips, pinhole)
-    weights = _weights(*_belonging(coarse, maps, tips, ways, scores, pinhole), centres, tips)
-    poses = decoded_poses(tips, _means(maps, weights), pinhole)
-    belongs, _ = _belonging(mask, maps, tips, ways, scores, pinhole)
-    boxes, seen = _extents(belongs, pinhole)
+    directions = _directions(coarse, maps, tips, camera)
+    belongs, far = _belonging(coarse, maps, tips, directions, scores, camera)
+    weights = _weights(belongs, far, centres, tips)
+    poses = decoded_poses(tips, _means(maps, weights), camera)
+    belongs, _ = _belonging(mask, maps, tips, directions, scores, camera)
+    boxes, seen = _extents(belongs, camera)
     scores = scores * seen
     found = (scores > 0)[..., None]
     scores, order = scores.sort(dim=1, descending=True)
@@ -64,16 +68,16 @@ def _refined(heat: Tensor, centres: Tensor, peaks: Tensor) -> Tensor:
     return middle + shift
 
 
-def _directions(mask: Tensor, maps: Tensor, tips: Tensor, pinhole: Pinhole) -> Tensor:
+def _directions(mask: Tensor, maps: Tensor, tips: Tensor, camera: Camera) -> Tensor:
     """Unit vectors (B, K, 2) of the axes in the image, from the cells next to the tips."""
-    centres = pinhole.cell_centres(maps.shape[-1], maps).permute(2, 0, 1)
+    centres = cell_centres(maps.shape[-1], camera.width, maps.device).permute(2, 0, 1)
     away = _distances(*_offsets(centres[None], tips))
-    far = _distances(*_offsets(centres + WAY_PX * maps[:, 1:3], tips))
+    far = _distances(*_offsets(centres + OFFSET_SCALE_PX * maps[:, 1:3], tips))
     exact = (away < _NEAR_PX) & (far < _NEAR_VOTE_PX) & (mask > 0)
     weights = (exact.float() + 1e-3 * (away < _BESIDE_PX).float()).flatten(2)
-    tips_mm, axes = decoded_tips_and_axes(tips, _means(maps, weights), pinhole)
-    way = pinhole.project(tips_mm + axes) - tips
-    return way / way.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+    tips_mm, axes = decoded_tips_and_axes(tips, _means(maps, weights), camera)
+    steps = project(tips_mm + axes, camera) - tips
+    return steps / steps.norm(dim=-1, keepdim=True).clamp(min=1e-6)
 
 
 def _means(maps: Tensor, weights: Tensor) -> Tensor:
@@ -83,7 +87,7 @@ def _means(maps: Tensor, weights: Tensor) -> Tensor:
 
 
 def _belonging(
-    mask: Tensor, maps: Tensor, tips: Tensor, ways: Tensor, scores: Tensor, pinhole: Pinhole
+    mask: Tensor, maps: Tensor, tips: Tensor, directions: Tensor, scores: Tensor, camera: Camera
 ) -> tuple[Tensor, Tensor]:
     """Whether each pixel of the mask belongs to each tip, (B, K, h, w) bool, and the distance of
     its vote from the tip, px.
@@ -94,12 +98,12 @@ def _belonging(
     score take no pixels.
     """
     size = mask.shape[-2:]
-    way = WAY_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")
-    centres = pinhole.cell_centres(size[0], mask).permute(2, 0, 1)
-    far = _distances(*_offsets(centres + way, tips))
-    limit = _VOTE_PX + _VOTE_SHARE * way.norm(dim=1, keepdim=True)
+    votes = OFFSET_SCALE_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")
+    centres = cell_centres(size[0], camera.width, mask.device).permute(2, 0, 1)
+    far = _distances(*_offsets(centres + votes, tips))
+    limit = _VOTE_PX + _VOTE_SHARE * votes.norm(dim=1, keepdim=True)
     x, y = _offsets(centres[None], tips)
-    u, v = (part[:, :, None, None] for part in ways.unbind(-1))
+    u, v = (part[:, :, None, None] for part in directions.unbind(-1))
     across = (x * v - y * u).abs() / (_ACROSS_PX + _ACROSS_SHARE * (x * u + y * v).abs())
     rivals = far / limit + across.clamp(max=1)
     rivals = torch.where((scores > _LEAST_SCORE)[..., None, None], rivals, float("inf"))
@@ -124,10 +128,10 @@ def _weights(belongs: Tensor, far: Tensor, centres: Tensor, tips: Tensor) -> Ten
     return ((belongs & (far < _VOTE_PX)).float() + 1e-3 * beside.float()).flatten(2)
 
 
-def _extents(belongs: Tensor, pinhole: Pinhole) -> tuple[Tensor, Tensor]:
+def _extents(belongs: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
     """Extents (B, K, 4) px of the pixels (B, K, h, w), and (B, K) 1 if there are any, else 0."""
     side = belongs.shape[-1]
-    at, half = pinhole.cell_centres(side, belongs)[0, :, 0], pinhole.side_px / side / 2
+    at, half = cell_centres(side, camera.width, belongs.device)[0, :, 0], camera.width / side / 2
     ends = []
     for across in (2, 3):  # over rows for x, over columns for y
         occupied = belongs.any(dim=across)

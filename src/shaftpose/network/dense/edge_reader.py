@@ -1,22 +1,49 @@
-"""E's edge reader: finds the outline of a shaft near a supposed one, and how sure it is of it.
+"""E's edge reader: finds the outline of a shaft near a supposed one, and says how sure it is.
 
 It reads strips of the image along the supposed outline (`refinement.contour_sampling`). Edges of
 highlights inside the metal, of shadows and of other shafts are often stronger than the outline: the
-reader learns which edge is meant.
+reader learns which edge is meant, from random outlines near those of annotated shafts.
 """
 
-import torch
-from torch import Tensor, nn
+from collections.abc import Iterator
+from typing import NamedTuple
 
-from shaftpose.network.dense.edge_samples import EdgeSamples
-from shaftpose.network.dense.residual import Residual, conv_norm_relu
-from shaftpose.network.smooth_l1 import smooth_l1
-from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from shaftpose.core.geometry import Camera, axis_direction
+from shaftpose.dataset.batches import Targets
+from shaftpose.network.dense.layers import Residual, conv_norm_relu
+from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS, outline_strips
+from shaftpose.refinement.pose_parameters import moved
 
 _FINE, _CHANNELS = 16, 64
 _KERNEL, _DILATIONS = (5, 1), (1, 2, 4, 8)  # along the outline
 _LOG_SCALES = (-4.0, 3.0)
 _PLAIN = 0.1  # weight of the loss that does not depend on the scales
+
+_OUTLINES = 4  # for each shaft
+_STEP_PX = (0.25, 0.5)  # between columns
+# Standard deviations of the parameters at the widest step, times a random size: the fit to a mask
+# ends near the true outline, or far from it.
+_SPREAD, _SIZES = np.array([1.5, 1.5, 0.05, 5.0, 3.0]), (0.04, 2.0)
+_OUTERMOST = 2  # columns at the ends, where no edge is to be learned
+# Between two of these, and even within the thinnest shaft, there is one crossing at most.
+_PLACES, _HALVINGS = 11, 6
+
+
+class EdgeSamples(NamedTuple):
+    """colours: (M, 3, ROWS, COLUMNS) in [-1, 1]; offsets: (M, ROWS), columns from the middle one
+    to the true outline, positive outwards, or to the outermost one where it lies beyond; known:
+    (M, ROWS) bool, which rows show the image."""
+
+    colours: Tensor
+    offsets: Tensor
+    known: Tensor
 
 
 class EdgeReader(nn.Module):
@@ -44,6 +71,97 @@ class EdgeReader(nn.Module):
         """Negative log-likelihood of Laplace distributions, plus a share of smooth L1; scalar."""
         offsets, log_scales = self(samples.colours)
         errors = (offsets.float() - samples.offsets).abs()
-        plain = smooth_l1(errors)
+        plain = functional.smooth_l1_loss(offsets.float(), samples.offsets, reduction="none")
         losses = errors * torch.exp(-log_scales.float()) + log_scales.float() + _PLAIN * plain
         return (losses * samples.known).sum() / samples.known.sum().clamp(min=1)
+
+
+def edge_samples(images: Tensor, targets: Targets, shaft: Shaft, camera: Camera) -> EdgeSamples:
+    """Random outlines of all shafts with known poses in images (B, 3, H, W) in [-1, 1]; random
+    numbers are drawn from torch's generator."""
+    rng = np.random.default_rng(int(torch.randint(2**62, ())))
+    pictures = images.float().permute(0, 2, 3, 1).cpu().numpy()
+    shown = (targets.valid & targets.has_pose[:, None]).cpu().numpy()
+    poses = targets.poses.double().cpu().numpy()
+    of_shafts = [
+        part
+        for picture, of_image, visible in zip(pictures, poses, shown, strict=True)
+        for pose in of_image[visible]
+        for part in _samples(np.ascontiguousarray(picture), pose, shaft, camera, rng)
+    ]
+    if not of_shafts:
+        none = images.new_zeros(0, ROWS)
+        return EdgeSamples(images.new_zeros(0, 3, ROWS, 2 * MIDDLE + 1), none, none > 0)
+    colours, offsets, known = map(np.concatenate, zip(*of_shafts, strict=True))
+    return EdgeSamples(
+        torch.from_numpy(colours.transpose(0, 3, 1, 2)).to(images.device),
+        torch.from_numpy(offsets).to(images.device),
+        torch.from_numpy(known).to(images.device),
+    )
+
+
+def _samples(
+    picture: NDArray[np.float32],
+    pose: Array,
+    shaft: Shaft,
+    camera: Camera,
+    rng: np.random.Generator,
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]]:
+    """Colours, offsets and which are known, for outlines near that of a pose."""
+    for _ in range(_OUTLINES):
+        step_px = float(rng.uniform(*_STEP_PX))
+        size = np.exp(rng.uniform(*np.log(_SIZES))) * step_px / _STEP_PX[1]
+        contour = shaft_contour(
+            moved(pose, size * rng.normal(size=5) * _SPREAD, camera), shaft, camera
+        )
+        if len(contour.points):
+            strips = outline_strips(picture, contour, step_px)
+            reach_px = (MIDDLE - _OUTERMOST) * step_px
+            offsets = true_offsets(contour, pose, shaft, camera, reach_px)
+            known = strips.of_rows(strips.inside) > 0
+            yield strips.colours, strips.of_rows(offsets / step_px), known
+
+
+def true_offsets(
+    contour: Contour, pose: Array, shaft: Shaft, camera: Camera, reach_px: float
+) -> Array:
+    """Distance from each sample to the true outline along its normal, (N,) px, positive outwards;
+    plus or minus `reach_px` where it is further away.
+
+    From samples inside the true silhouette it is looked for outwards, from others inwards.
+    """
+
+    def inside(px: Array) -> NDArray[np.bool_]:
+        """Of places (N, ...) px from the samples."""
+        points = contour.points[:, None] + px[..., None] * contour.normals[:, None]
+        return covered(points, pose, shaft, camera)
+
+    outwards = np.where(inside(np.zeros((len(contour.points), 1))), 1.0, -1.0)
+    places = outwards * reach_px * np.linspace(0, 1, _PLACES)
+    crossed = inside(places) != (outwards > 0)
+    crossed[:, -1] = True  # the furthest, if the outline is not nearer
+    first = np.argmax(crossed, axis=1)[:, None]
+    near, far = (np.take_along_axis(places, first - back, axis=1) for back in (1, 0))
+    for _ in range(_HALVINGS):
+        middle = (near + far) / 2
+        before = inside(middle) == (outwards > 0)
+        near, far = np.where(before, middle, near), np.where(before, far, middle)
+    return np.asarray(far[:, 0])
+
+
+def covered(pixels: Array, pose: Array, shaft: Shaft, camera: Camera) -> NDArray[np.bool_]:
+    """Whether the rays through pixels (..., 2) of a pinhole camera meet a shaft with pose (5,)."""
+    offsets = camera.lift(pixels, 1.0)
+    rays = np.concatenate([offsets, np.ones_like(offsets[..., :1])], axis=-1)
+    tip, axis, radius = pose[:3], axis_direction(pose[3], pose[4]), shaft.diameter_mm / 2
+    along, start = rays @ axis, float(tip @ axis)
+    across, aside = rays - along[..., None] * axis, tip - start * axis
+    # |t across - aside|^2 = radius^2 for points at t along the ray.
+    square, mixed = np.sum(across**2, axis=-1), across @ aside
+    root = mixed**2 - square * (aside @ aside - radius**2)
+    half = np.sqrt(np.maximum(root, 0.0))
+    near, far = ((mixed + side * half) / square * along - start for side in (-1, 1))
+    reached = np.maximum(near, far) >= 0
+    return np.asarray(
+        (root > 0) & (mixed > 0) & reached & (np.minimum(near, far) <= shaft.length_mm)
+    )

@@ -1,4 +1,6 @@
-"""E's loss: mask, tips and poses."""
+"""E's loss: mask, tips and poses, with their targets for each cell of the maps."""
+
+from typing import NamedTuple
 
 import torch
 from pydantic import ConfigDict
@@ -6,13 +8,20 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor
 from torch.nn import functional
 
+from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.dense.pinhole import Pinhole
-from shaftpose.network.dense.targets import dense_targets
+from shaftpose.network.dense.coding import (
+    OFFSET_SCALE_PX,
+    cell_centres,
+    encoded_axis,
+    encoded_depth,
+    project,
+)
 from shaftpose.settings.schema import Positive
 
 _BORDER_REACH_PX = 8  # beyond which a border's weight is left out
+_HEAT_PX = 6.0  # standard deviation of a tip's heat
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
@@ -26,13 +35,13 @@ class DenseLoss:
     smooth: Positive
 
     def __call__(
-        self, mask: Tensor, maps: Tensor, targets: Targets, pinhole: Pinhole
+        self, mask: Tensor, maps: Tensor, targets: Targets, camera: Camera
     ) -> dict[str, Tensor]:
         """`loss` = `mask` + `tip` + `pose`, scalars in float32.
 
         mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
         """
-        truth = dense_targets(targets, maps.shape[-1], pinhole)
+        truth = dense_targets(targets, maps.shape[-1], camera)
         assert targets.instances is not None
         terms = {
             "mask": self.mask_loss(mask.float(), targets.instances),
@@ -81,3 +90,53 @@ class DenseLoss:
         errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=self.smooth)
         cells = counts.any(1).sum().clamp(min=1)
         return (errors * counts).sum(1).sum() / cells
+
+
+class DenseTargets(NamedTuple):
+    """heat: (B, cells, cells) in [0, 1]; has_heat: (B,) bool, images all of whose tips are known;
+    values: (B, 6, cells, cells); counts: the same shape, bool, where `values` are known."""
+
+    heat: Tensor
+    has_heat: Tensor
+    values: Tensor
+    counts: Tensor
+
+
+def dense_targets(targets: Targets, cells: int, camera: Camera) -> DenseTargets:
+    """The targets of a batch. Images without poses have heat and offsets where tips are known."""
+    centres = cell_centres(cells, camera.width, targets.poses.device)
+    has_pose = targets.valid & targets.has_pose[:, None]
+    poses = torch.where(has_pose[..., None], targets.poses, torch.ones_like(targets.poses))
+    tips, has_tip = project(poses[..., :3], camera), has_pose
+    if targets.tips_px is not None:
+        annotated = targets.valid & ~has_pose & targets.tips_px.isfinite().all(-1)
+        tips = torch.where(annotated[..., None], targets.tips_px, tips)
+        has_tip = has_pose | annotated
+    distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
+    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * has_tip[..., None, None]
+    rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
+    known = torch.cat(
+        [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], -1
+    )
+    assert targets.instances is not None, "this network needs instance masks for training"
+    shaft = _coarse(targets.instances, cells) - 1
+    # A shaft that is left out may have its tip in an image without others.
+    has_unknown = (targets.instances == UNKNOWN).flatten(1).any(1)
+    on_shaft = (shaft >= 0) & (shaft < rows.shape[1])  # else background or unknown
+    chosen = torch.where(on_shaft, shaft, 0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
+    values, counts = (part.gather(1, chosen).unflatten(1, (cells, cells)) for part in (rows, known))
+    offsets = (values[..., :2] - centres) / OFFSET_SCALE_PX
+    values = torch.cat([offsets, values[..., 2:]], dim=-1)
+    return DenseTargets(
+        heat=heat.amax(1),
+        has_heat=(has_tip | ~targets.valid).all(1) & (targets.valid.any(1) | ~has_unknown),
+        values=values.permute(0, 3, 1, 2),
+        counts=(counts & on_shaft[..., None]).permute(0, 3, 1, 2),
+    )
+
+
+def _coarse(instances: Tensor, cells: int) -> Tensor:
+    """The shaft at the centre of each cell, (B, cells, cells): 0 for none, else from 1."""
+    side = instances.shape[-1]
+    at = ((torch.arange(cells, device=instances.device) + 0.5) * side / cells).long()
+    return instances[:, at][:, :, at].long()

@@ -14,13 +14,12 @@ from pydantic import validate_call
 from torch import Tensor, nn
 from torch.nn import functional
 
+from shaftpose.core.geometry import Camera
 from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.decoding import decode
-from shaftpose.network.dense.edge_reader import EdgeReader
-from shaftpose.network.dense.edge_samples import edge_samples
+from shaftpose.network.dense.edge_reader import EdgeReader, edge_samples
+from shaftpose.network.dense.layers import Residual, conv_norm_relu
 from shaftpose.network.dense.loss import DenseLoss
-from shaftpose.network.dense.pinhole import Pinhole
-from shaftpose.network.dense.residual import Residual, conv_norm_relu
 from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
 from shaftpose.refinement.contour import Shaft
 from shaftpose.settings.schema import (
@@ -51,11 +50,11 @@ class DenseNetwork(MaskNetwork):
     needs_instances = True
 
     def __init__(
-        self, channels: Sequence[int], pinhole: Pinhole, shaft: Shaft | None, loss: DenseLoss
+        self, channels: Sequence[int], camera: Camera, shaft: Shaft | None, loss: DenseLoss
     ) -> None:
         super().__init__()
-        self.pinhole, self.shaft, self.loss = pinhole, shaft, loss
-        self.side_px = pinhole.side_px
+        self.camera, self.shaft, self.loss = camera, shaft, loss
+        self.side_px = camera.width
         self.edges = None if shaft is None else EdgeReader()
         before = (3, *channels[:-1])
         self.down = nn.ModuleList(
@@ -89,16 +88,16 @@ class DenseNetwork(MaskNetwork):
 
     def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
         """The loss and its mask, tip, pose and edge terms."""
-        terms = self.loss(outputs.mask, outputs.maps, targets, self.pinhole)
+        terms = self.loss(outputs.mask, outputs.maps, targets, self.camera)
         if self.edges is None or self.shaft is None:
             return terms
-        samples = edge_samples(outputs.images, targets, self.shaft, self.pinhole.camera)
+        samples = edge_samples(outputs.images, targets, self.shaft, self.camera)
         edge = self.edges.loss(samples)
         return {**terms, "loss": terms["loss"] + edge, "edge": edge}
 
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
         """One instrument per peak of the tip heat map."""
-        return decode(outputs.mask, outputs.maps, self.pinhole, limits)
+        return decode(outputs.mask, outputs.maps, self.camera, limits)
 
     def edge_reader(self) -> EdgeReader | None:
         """The edge reader, unless the outline of the shaft is not known."""
@@ -109,7 +108,7 @@ class DenseNetwork(MaskNetwork):
 
         As in the loss, logits are scaled up: where they are 0 between two cells lies an edge.
         """
-        side = self.pinhole.side_px
+        side = self.camera.width
         wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")
         return wide.sigmoid()[:, 0]
 
@@ -128,5 +127,5 @@ def dense_network(
     """
     known = shaft.cad is None and not any((*distortion.k1, *distortion.k2))
     outlined = Shaft(shaft.diameter_mm, shaft.length_mm, shaft.tip == "flat")
-    pinhole = Pinhole(camera.size_px, camera.view_deg)
+    pinhole = Camera.from_field_of_view(camera.size_px, camera.size_px, camera.view_deg)
     return DenseNetwork(channels, pinhole, outlined if known else None, loss)

@@ -33,7 +33,8 @@ class HeadOutputs(NamedTuple):
 class ArchitectureC(nn.Module):
     """The paper's naive regression: class, box and pose in parallel on each map.
 
-    Each has one 3 x 3 convolution, as in SSD, so `width` has no effect.
+    Each has one 3 x 3 convolution, as in SSD, so `width` has no effect. With one pose value for
+    each bin of `BinCoder` instead of five, it is SSD-6D's head (Kehl et al., 2017), Architecture B.
     """
 
     def __init__(

@@ -6,90 +6,24 @@ changes follow the paper on shaft poses: Reduction-B is padded, so that its map 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
-import torch
 from torch import Tensor, nn
 
 from shaftpose.network.pose_network import IMAGE_SIDE_PX
-from shaftpose.network.ssd.layers import ConvBNReLU, Size
-from shaftpose.network.ssd.sampling import Grid, through
+from shaftpose.network.ssd.layers import (
+    Chain,
+    Concat,
+    Conv,
+    Fork,
+    Grid,
+    Pool,
+    PooledChain,
+    through,
+)
 from shaftpose.settings.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
 
 MAP_SIZES = (35, 17, 9, 5, 3, 2)
 EXTRA_CHANNELS = (512, 256, 256)
-
-
-@dataclass(frozen=True)
-class Conv:
-    """One row of the layer table; `padding` None keeps the map's size."""
-
-    channels: int
-    kernel: Size
-    stride: int = 1
-    padding: Size | None = None
-
-
-class Chain(nn.Sequential):
-    """A sequence of convolutions, each `Conv` scaled by `width`; has `channels` output channels."""
-
-    def __init__(self, in_channels: int, width: float, *rows: Conv) -> None:
-        super().__init__()
-        self.channels = in_channels
-        for row in rows:
-            padding = _same_padding(row.kernel) if row.padding is None else row.padding
-            scaled = scale_channels(row.channels, width)
-            self.append(ConvBNReLU(self.channels, scaled, row.kernel, row.stride, padding))
-            self.channels = scaled
-
-
-class Pool(nn.Module):
-    """A pooling layer that knows its number of output channels."""
-
-    def __init__(self, pool: nn.Module, channels: int) -> None:
-        super().__init__()
-        self.pool = pool
-        self.channels = channels
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, channels, h, w) -> (B, channels, h', w')."""
-        return self.pool(x)
-
-
-class PooledChain(Chain):
-    """A 3 x 3 average pooling that keeps the map's size, then convolutions."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, in_channels, h, w) -> (B, channels, h, w)."""
-        average = nn.functional.avg_pool2d(x, 3, 1, 1, count_include_pad=False)
-        return super().forward(average)
-
-
-class Fork(nn.Module):
-    """A chain followed by several parallel chains, concatenated."""
-
-    def __init__(self, trunk: Chain, width: float, *rows: Conv) -> None:
-        super().__init__()
-        self.trunk = trunk
-        self.tips = Concat(*(Chain(trunk.channels, width, row) for row in rows))
-        self.channels: int = self.tips.channels
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, in_channels, h, w) -> (B, channels, h, w)."""
-        return self.tips(self.trunk(x))
-
-
-class Concat(nn.Module):
-    """Parallel branches on one input, concatenated over the channels."""
-
-    def __init__(self, *branches: Chain | Pool | Fork) -> None:
-        super().__init__()
-        self.branches = nn.ModuleList(branches)
-        self.channels: int = sum(branch.channels for branch in branches)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, in_channels, h, w) -> (B, channels, h', w')."""
-        return torch.cat([branch(x) for branch in self.branches], dim=1)
 
 
 def stem(width: float) -> nn.Sequential:
@@ -246,9 +180,3 @@ def _channels(blocks: nn.Sequential) -> int:
     last = blocks[-1]
     assert isinstance(last, Concat)
     return last.channels
-
-
-def _same_padding(kernel: Size) -> Size:
-    if isinstance(kernel, int):
-        return kernel // 2
-    return kernel[0] // 2, kernel[1] // 2

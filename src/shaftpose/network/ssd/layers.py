@@ -1,7 +1,12 @@
-"""Layers shared by backbone and heads: Conv-BN-ReLU and its statistics."""
+"""Layers of backbone and heads, scaled by a width, and where the cells of their maps look."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
+
+from shaftpose.settings.scaling import scale_channels
 
 Size = int | tuple[int, int]
 
@@ -27,12 +32,127 @@ class ConvBNReLU(nn.Module):
         return result
 
 
-def freeze_statistics(network: nn.Module) -> None:
-    """Make batch normalisation use its running statistics without updating them."""
-    for module in network.modules():
-        if isinstance(module, nn.modules.batchnorm._BatchNorm):  # includes SyncBatchNorm
-            module.eval()
-
-
 def _packed(gradient: Tensor) -> Tensor:
     return gradient.contiguous(memory_format=torch.channels_last)
+
+
+@dataclass(frozen=True)
+class Conv:
+    """One row of the layer table; `padding` None keeps the map's size."""
+
+    channels: int
+    kernel: Size
+    stride: int = 1
+    padding: Size | None = None
+
+
+class Chain(nn.Sequential):
+    """A sequence of convolutions, each `Conv` scaled by `width`; has `channels` output channels."""
+
+    def __init__(self, in_channels: int, width: float, *rows: Conv) -> None:
+        super().__init__()
+        self.channels = in_channels
+        for row in rows:
+            padding = _same_padding(row.kernel) if row.padding is None else row.padding
+            scaled = scale_channels(row.channels, width)
+            self.append(ConvBNReLU(self.channels, scaled, row.kernel, row.stride, padding))
+            self.channels = scaled
+
+
+class Pool(nn.Module):
+    """A pooling layer that knows its number of output channels."""
+
+    def __init__(self, pool: nn.Module, channels: int) -> None:
+        super().__init__()
+        self.pool = pool
+        self.channels = channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, channels, h, w) -> (B, channels, h', w')."""
+        return self.pool(x)
+
+
+class PooledChain(Chain):
+    """A 3 x 3 average pooling that keeps the map's size, then convolutions."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h, w)."""
+        average = nn.functional.avg_pool2d(x, 3, 1, 1, count_include_pad=False)
+        return super().forward(average)
+
+
+class Fork(nn.Module):
+    """A chain followed by several parallel chains, concatenated."""
+
+    def __init__(self, trunk: Chain, width: float, *rows: Conv) -> None:
+        super().__init__()
+        self.trunk = trunk
+        self.tips = Concat(*(Chain(trunk.channels, width, row) for row in rows))
+        self.channels: int = self.tips.channels
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h, w)."""
+        return self.tips(self.trunk(x))
+
+
+class Concat(nn.Module):
+    """Parallel branches on one input, concatenated over the channels."""
+
+    def __init__(self, *branches: Chain | Pool | Fork) -> None:
+        super().__init__()
+        self.branches = nn.ModuleList(branches)
+        self.channels: int = sum(branch.channels for branch in branches)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, in_channels, h, w) -> (B, channels, h', w')."""
+        return torch.cat([branch(x) for branch in self.branches], dim=1)
+
+
+def _same_padding(kernel: Size) -> Size:
+    if isinstance(kernel, int):
+        return kernel // 2
+    return kernel[0] // 2, kernel[1] // 2
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Centres of the cells of a map along either axis: the first one, and the step to the next.
+
+    The default is the grid of the image's pixels.
+    """
+
+    first_px: float = 0.5
+    step_px: float = 1.0
+
+    def centre_px(self, cell: int) -> float:
+        """The centre of the cell in this row or column."""
+        return self.first_px + cell * self.step_px
+
+
+def through(module: nn.Module, grid: Grid) -> Grid:
+    """The output grid of a module whose input has `grid`.
+
+    A cell's receptive field is a square of the image. Each convolution or pooling moves its centre
+    by `(kernel - 1) / 2 - padding` cells of its input (Dumoulin and Visin, 2016, relationship 6);
+    clipping at the border is ignored. Modules in a `branches` list are parallel, others sequential.
+    Other layers, and functions called without a module, must keep the cells' positions.
+    """
+    if isinstance(module, nn.Conv2d | nn.MaxPool2d | nn.AvgPool2d):
+        kernel, stride, padding = (
+            _pair(size) for size in (module.kernel_size, module.stride, module.padding)
+        )
+        (shift,) = {(k - 1) / 2 - p for k, p in zip(kernel, padding, strict=True)}
+        (factor,) = set(stride)
+        return Grid(grid.first_px + shift * grid.step_px, grid.step_px * factor)
+    branches = getattr(module, "branches", None)
+    if branches is not None:
+        (behind,) = {through(branch, grid) for branch in branches}
+        return behind
+    for child in module.children():
+        grid = through(child, grid)
+    return grid
+
+
+def _pair(size: Any) -> tuple[int, int]:
+    """A layer's size as a pair; torch stores one number, or one for each axis."""
+    return size if isinstance(size, tuple) else (size, size)

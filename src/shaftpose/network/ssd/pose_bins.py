@@ -8,7 +8,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.core.errors import InputError
-from shaftpose.network.ssd.pose_coding import PoseCoder, wrap_yaw
+from shaftpose.network.pose_network import wrap_yaw
+from shaftpose.network.ssd.pose_coding import PoseCoder
 
 _ROUNDING = 1e-6  # in steps: (0.3 - 0.0) / 0.1 may differ from 3
 

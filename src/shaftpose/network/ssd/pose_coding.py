@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
-from shaftpose.network.smooth_l1 import smooth_l1
+from shaftpose.network.pose_network import wrap_yaw
 
 
 class PoseCoder(nn.Module, ABC):
@@ -66,12 +67,6 @@ class RegressionCoder(PoseCoder):
         return smooth_l1(gamma * (predicted - self.encode(poses)))
 
 
-def wrap_yaw(poses: Tensor) -> Tensor:
-    """Poses (..., 5) with yaw in [0, 360) deg."""
-    return torch.cat([poses[..., :4], _wrap_deg(poses[..., 4:])], dim=-1)
-
-
-def _wrap_deg(angle: Tensor) -> Tensor:
-    wrapped = torch.remainder(angle, 360.0)
-    # The remainder of a tiny negative angle is rounded to 360 itself.
-    return torch.where(wrapped >= 360.0, 0.0, wrapped)
+def smooth_l1(error: Tensor) -> Tensor:
+    """0.5 e^2 where |e| < 1, else |e| - 0.5; any shape."""
+    return functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")

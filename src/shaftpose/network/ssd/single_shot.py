@@ -6,8 +6,8 @@ from pydantic import ConfigDict, validate_call
 from torch import Tensor, nn
 
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.decoding import decode
 from shaftpose.network.pose_network import DecodedOutputs, PoseNetwork
+from shaftpose.network.ssd.decoding import decode
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL, clipped, default_boxes
 from shaftpose.network.ssd.heads import HeadOutputs
 from shaftpose.network.ssd.inception_v4 import InceptionV4Features

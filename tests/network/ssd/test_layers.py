@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import nn
 
-from shaftpose.network.ssd.inception_v4 import MAP_SIZES, Concat, InceptionV4Features, Pool
-from shaftpose.network.ssd.sampling import Grid, through
+from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.ssd.layers import Concat, Grid, Pool, through
 
 
 def test_layers_by_hand() -> None:

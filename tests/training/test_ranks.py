@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.network import rank_process
+from tests.training import rank_process
 
 
 def test_two_processes_train_like_one(tmp_path: Path) -> None:

@@ -3,10 +3,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from shaftpose.network.decoding import decode
-from shaftpose.network.nms import nms_mask
-from shaftpose.network.ssd.box_coding import encode_boxes
-from shaftpose.network.ssd.boxes import pairwise_iou, to_centre
+from shaftpose.network.ssd.decoding import decode, nms_mask
+from shaftpose.network.ssd.default_boxes import encode_boxes, pairwise_iou, to_centre
 from shaftpose.network.ssd.heads import HeadOutputs
 from shaftpose.network.ssd.pose_coding import RegressionCoder
 from tests.network.tiny import LIMITS

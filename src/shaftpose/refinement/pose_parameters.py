@@ -1,0 +1,32 @@
+"""A pose as the five parameters in which it is fitted.
+
+They are the tip in the image (px, px), the logarithm of its depth, pitch and yaw (deg).
+"""
+
+import numpy as np
+
+from shaftpose.core.geometry import Camera, signed_deg, unsigned_deg
+from shaftpose.refinement.contour import Array
+
+
+def parameters(pose: Array, camera: Camera) -> Array:
+    """The parameters (5,) of a pose (5,) mm, deg."""
+    return np.array([*camera.project(pose[:3]), np.log(pose[2]), *pose[3:]])
+
+
+def derivatives(pose: Array, camera: Camera) -> Array:
+    """Derivatives (5, 5) of a pose by its parameters."""
+    spread = np.eye(5)
+    spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
+    spread[:3, 2] = pose[:3]
+    return spread
+
+
+def moved(pose: Array, step: Array, camera: Camera) -> Array:
+    """The pose after a step (5,) of the parameters, with its pitch in [0, 180] deg."""
+    u, v, log_depth, pitch, yaw = parameters(pose, camera) + step
+    if not 0 <= pitch <= 180:  # the axis has passed the line of sight
+        pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180
+    depth = np.exp(log_depth)
+    x, y = camera.lift(np.array([u, v]), depth)
+    return np.array([x, y, depth, pitch, unsigned_deg(float(yaw))])
