@@ -6,8 +6,7 @@ from pathlib import Path
 
 from shaftpose.core.files import write_json
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.real_folder import PARTS, copy_real
-from shaftpose.dataset.stand_in import write_stand_in
+from shaftpose.dataset.coco_folder import PARTS, copy_folder, write_stand_in
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.stand_in_sets import stand_in_sets
@@ -30,7 +29,7 @@ def main(settings: Settings) -> None:
                 render_sets(sets, settings.cluster, SCRATCH, rendered)
                 write_stand_in(rendered, out)
         else:
-            copy_real(source, out)
+            copy_folder(source, out)
         write_json(out / "about.json", asdict(AboutImages(REAL if source else STAND_IN)))
     counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
     logging.getLogger(__name__).info("images %s are in %s", counts, out)

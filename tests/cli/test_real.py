@@ -15,7 +15,7 @@ from shaftpose.cli.real import FRAMES, SOURCES, Source, fetch
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb, write_jpeg
 from shaftpose.dataset.coco import check_masks, read_coco
-from shaftpose.dataset.real_images import load_square
+from shaftpose.dataset.coco_images import load_square
 
 PARTS = ("train", "test")
 ANNOTATIONS = Path(__file__).parents[2] / "src/shaftpose/cli/real_images"

@@ -12,8 +12,8 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import check_masks, read_coco
-from shaftpose.dataset.real_folder import copy_real
-from shaftpose.dataset.real_images import load_square
+from shaftpose.dataset.coco_folder import copy_folder
+from shaftpose.dataset.coco_images import load_square
 
 OUTLINE = [10.0, 5.0, 30.0, 5.0, 30.0, 35.0, 10.0, 35.0]
 BOX = [10.0, 5.0, 20.0, 30.0]
@@ -153,7 +153,7 @@ def test_an_export_is_copied_and_read_again(tmp_path: Path) -> None:
     source, out = tmp_path / "source", tmp_path / "out"
     export(source, cvat("a.jpg"), "a.jpg", part="train")
     export(source, label_studio("../upload/2/b.jpg"), "b.jpg", part="test")
-    copy_real(source, out)
+    copy_folder(source, out)
     shutil.rmtree(source)
     for part, name in (("train", "a.jpg"), ("test", "b.jpg")):
         (image,) = read_coco(out / f"{part}.json")

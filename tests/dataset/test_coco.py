@@ -1,6 +1,7 @@
 """COCO files: what they may hold, and the way back to a file."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.coco import check_masks, read_coco, write_coco
-from shaftpose.dataset.real_images import RealSample, load_square
-from shaftpose.dataset.run_lengths import encode
+from shaftpose.dataset.coco_images import SquareImage, load_square
+from shaftpose.dataset.compressed_masks import CompressedMask
 
 
 def write_image(path: Path, width: int, height: int) -> None:
@@ -67,7 +68,7 @@ def test_a_file_is_read_in_the_order_of_names(tmp_path: Path) -> None:
     assert [shaft.box for shaft in b.instruments] == [(10, 5, 30, 35), (0, 0, 60, 40)]
     expected = np.zeros((40, 60), dtype=bool)
     expected[5:35, 10:30] = True
-    assert [shaft.mask for shaft in b.instruments] == [encode(expected), None]
+    assert [shaft.mask for shaft in b.instruments] == [CompressedMask.of(expected), None]
     assert [shaft.occluded for shaft in b.instruments] == [True, False]
 
 
@@ -297,7 +298,7 @@ def test_run_lengths_are_read(tmp_path: Path, counts: object) -> None:
     shaft = read_coco(write_dataset(tmp_path, content))[1].instruments[0]
     expected = np.zeros((40, 60), dtype=bool)
     expected[5:35, 10:12] = True
-    assert shaft.mask == encode(expected)
+    assert shaft.mask == CompressedMask.of(expected)
 
 
 @pytest.mark.parametrize(
@@ -479,7 +480,7 @@ def column_runs(mask: NDArray[np.bool_]) -> dict[str, object]:
 def test_run_lengths_give_the_mask(tmp_path: Path, seed: int) -> None:
     mask = blobs(np.random.default_rng(seed), 40)
     np.testing.assert_array_equal(square_mask(tmp_path, column_runs(mask)), mask)
-    np.testing.assert_array_equal(square_mask(tmp_path, encode(mask)), mask)
+    np.testing.assert_array_equal(square_mask(tmp_path, asdict(CompressedMask.of(mask))), mask)
 
 
 @pytest.mark.parametrize(
@@ -542,7 +543,7 @@ def test_a_tip_that_is_the_tail_is_named(tmp_path: Path) -> None:
     assert "annotations[1]: tip and tail are the same point (20.0, 30.0)" in message
 
 
-def square_samples() -> list[tuple[str, RealSample]]:
+def square_samples() -> list[tuple[str, SquareImage]]:
     """Two images of 64 px: one with two shafts, hidden in part, and one with none."""
     masks = [np.zeros((64, 64), dtype=bool), np.zeros((64, 64), dtype=bool)]
     masks[0][10:20, 5:60] = True
@@ -550,12 +551,12 @@ def square_samples() -> list[tuple[str, RealSample]]:
     rgb = np.full((64, 64, 3), 70, dtype=np.uint8)
     boxes = np.array([[5, 10, 60, 20], [40, 30, 50, 64]], dtype=float)
     axes = np.array([[[5, 15], [60, 15]], [[np.nan, np.nan], [np.nan, np.nan]]])
-    full = RealSample(rgb, boxes, tuple(masks), axes, occluded=True)
+    full = SquareImage(rgb, boxes, tuple(masks), axes, occluded=True)
     return [
         ("images/a.jpg", full),
         (
             "images/b.jpg",
-            RealSample(rgb, np.zeros((0, 4)), (), np.zeros((0, 2, 2)), occluded=False),
+            SquareImage(rgb, np.zeros((0, 4)), (), np.zeros((0, 2, 2)), occluded=False),
         ),
     ]
 
@@ -592,7 +593,8 @@ def test_a_written_file_is_coco(tmp_path: Path) -> None:
     # 40, 30, 50, 64 is 10 wide and 34 high: 340 px.
     assert second["bbox"] == [40, 30, 10, 34]
     assert second["area"] == 340
-    assert second["segmentation"] == encode(square_samples()[0][1].masks[1])
+    mask = CompressedMask.of(square_samples()[0][1].masks[1])
+    assert second["segmentation"] == {"size": [64, 64], "counts": mask.counts}
 
 
 def test_without_masks_there_are_boxes_only(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.coco import write_coco
-from shaftpose.dataset.real_images import RealSample
+from shaftpose.dataset.coco_images import SquareImage
 from shaftpose.dataset.silhouette_sets import silhouette_sets
 
 SIDE = 32
@@ -36,8 +36,8 @@ def write_rendered(folder: Path) -> None:
 def write_real(folder: Path, occluded: list[bool]) -> None:
     """Write one image with a shaft for each entry of `occluded`, and one without shafts."""
     boxes = np.array([BOX], dtype=float)
-    samples = [RealSample(GREY, boxes, (MASK,), AXIS, hidden) for hidden in occluded]
-    samples.append(RealSample(GREY, np.empty((0, 4)), (), np.empty((0, 2, 2)), False))
+    samples = [SquareImage(GREY, boxes, (MASK,), AXIS, hidden) for hidden in occluded]
+    samples.append(SquareImage(GREY, np.empty((0, 4)), (), np.empty((0, 2, 2)), False))
     named = [(f"images/{n}.jpg", sample) for n, sample in enumerate(samples)]
     for name, sample in named:
         write_jpeg(sample.rgb, folder / name)

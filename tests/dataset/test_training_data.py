@@ -20,10 +20,10 @@ from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import Batch, LabelledImage, pad_batch
+from shaftpose.dataset.coco_images import CocoImage, CocoInstrument
 from shaftpose.dataset.colour_transforms import UniformNoise
-from shaftpose.dataset.labelled_images import Images, RealImages, RenderedImages
-from shaftpose.dataset.real_images import RealImage, RealInstrument
-from shaftpose.dataset.run_lengths import encode
+from shaftpose.dataset.compressed_masks import CompressedMask
+from shaftpose.dataset.labelled_images import CocoImages, Images, RenderedImages
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream
 
@@ -178,12 +178,12 @@ def write_shard(folder: Path, count: int) -> ShardedDataset:
     return ShardedDataset(folder)
 
 
-def real_images(folder: Path) -> RealImages:
+def real_images(folder: Path) -> CocoImages:
     path = folder / "real.jpg"
     write_jpeg(np.full((SIZE, 48, 3), 200, dtype=np.uint8), path)
     # 48 x 32: the square starts at column 8.
-    shaft = RealInstrument((12.0, 8.0, 24.0, 24.0), None, occluded=False)
-    return RealImages([RealImage(path, 48, SIZE, (shaft,))], SIZE)
+    shaft = CocoInstrument((12.0, 8.0, 24.0, 24.0), None, occluded=False)
+    return CocoImages([CocoImage(path, 48, SIZE, (shaft,))], SIZE)
 
 
 def test_rendered_images_are_the_chosen_ones(tmp_path: Path) -> None:
@@ -223,10 +223,10 @@ def test_a_shaft_that_was_left_out_is_unknown_and_no_background(tmp_path: Path) 
     axis = ((20.0, 9.0), (14.0, 23.0))
     mask = np.zeros((SIZE, 48), dtype=np.uint8)
     mask[8:24, 12:24] = 1
-    shown = replace(real.images[0].instruments[0], mask=encode(mask), axis=axis)
+    shown = replace(real.images[0].instruments[0], mask=CompressedMask.of(mask), axis=axis)
     aside = np.zeros((SIZE, 48), dtype=np.uint8)
     aside[:, 39:] = 1  # one of nine columns is in the square, columns 8 to 40, less than a fifth
-    left_out = replace(shown, box=(39.0, 0.0, 48.0, float(SIZE)), mask=encode(aside))
+    left_out = replace(shown, box=(39.0, 0.0, 48.0, float(SIZE)), mask=CompressedMask.of(aside))
     image = replace(real.images[0], instruments=(shown, left_out))
     known = replace(real, images=[image])[0][1]
     assert known.instances is not None and known.tips_px is not None
@@ -256,7 +256,7 @@ def test_masks_of_real_images_are_known_only_if_every_shaft_has_one(tmp_path: Pa
     mask = np.zeros((SIZE, 48), dtype=np.uint8)
     mask[8:24, 12:24] = 1
     image = boxed.images[0]
-    shaft = replace(image.instruments[0], mask=encode(mask))
+    shaft = replace(image.instruments[0], mask=CompressedMask.of(mask))
     masked = replace(boxed, images=[replace(image, instruments=(shaft,))])
     np.testing.assert_array_equal(masked[0][1].instances, mask[:, 8:40])
 

@@ -16,7 +16,7 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.dataset.real_folder import copy_real
+from shaftpose.dataset.coco_folder import copy_folder
 from tests.pipeline.conftest import Run
 
 
@@ -229,7 +229,7 @@ def test_good_real_images_replace_those_of_an_earlier_run(tmp_path: Path) -> Non
     real, out = write_real(tmp_path / "real", GOOD_BOXES), tmp_path / "out"
     (out / "images").mkdir(parents=True)
     (out / "images/a.jpg").write_bytes(b"an older image")
-    copy_real(real, out)
+    copy_folder(real, out)
     for name in ("images/a.jpg", "images/b.jpg", "train.json", "test.json"):
         assert (out / name).read_bytes() == (real / name).read_bytes()
 
@@ -238,14 +238,14 @@ def test_a_corrupt_real_image(tmp_path: Path) -> None:
     real = write_real(tmp_path / "real", GOOD_BOXES)
     (real / "images/a.jpg").write_bytes((real / "images/a.jpg").read_bytes()[:200])
     with pytest.raises(InputError, match=r"images/a\.jpg: not a readable image"):
-        copy_real(real, tmp_path / "out")
+        copy_folder(real, tmp_path / "out")
 
 
 def test_a_real_image_in_both_parts(tmp_path: Path) -> None:
     real = write_real(tmp_path / "real", GOOD_BOXES)
     shutil.copy(real / "test.json", real / "train.json")
     with pytest.raises(InputError, match=r"b\.jpg is in train\.json and in test\.json"):
-        copy_real(real, tmp_path / "out")
+        copy_folder(real, tmp_path / "out")
 
 
 def test_polygons_are_needed_in_tests_alone(tmp_path: Path) -> None:
@@ -256,4 +256,4 @@ def test_polygons_are_needed_in_tests_alone(tmp_path: Path) -> None:
         content["annotations"][0]["segmentation"] = []
         path.write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"test\.json: the shaft of b\.jpg.*`segmentation`"):
-        copy_real(real, tmp_path / "out")
+        copy_folder(real, tmp_path / "out")

@@ -14,7 +14,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.drawing import contact_sheet, draw_real, draw_sample, evenly_spaced
 
 if TYPE_CHECKING:
-    from shaftpose.dataset.real_images import RealImage
+    from shaftpose.dataset.coco_images import CocoImage
 
 
 def run(options: argparse.Namespace) -> None:
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     print(f"{len(chosen)} images are drawn in {options.out}")
 
 
-def real_images(folder: Path) -> list["RealImage"]:
+def real_images(folder: Path) -> list["CocoImage"]:
     """What the COCO files of a folder list; nothing if it has none."""
     files = [file for name in ("train.json", "test.json") if (file := folder / name).is_file()]
     if not files:  # rendered images are shown without what `read_coco` needs
@@ -42,11 +42,9 @@ def real_images(folder: Path) -> list["RealImage"]:
     return [image for file in files for image in read_coco(file)]
 
 
-def draw_squares(images: Sequence["RealImage"]) -> list[Image]:
+def draw_squares(images: Sequence["CocoImage"]) -> list[Image]:
     """Central squares, all of the smallest one's size, with boxes and, where known, masks."""
-    from shaftpose.dataset.real_images import (
-        load_square,  # its packages are there: `real_images` read
-    )
+    from shaftpose.dataset.coco_images import load_square  # `real_images` has checked its packages
 
     side_px = min(min(image.width, image.height) for image in images)
     squares = [load_square(image, side_px) for image in images]

@@ -10,7 +10,7 @@ from torch.utils.data import Dataset
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import LabelledImage
-from shaftpose.dataset.real_images import RealImage, load_square
+from shaftpose.dataset.coco_images import CocoImage, load_square
 
 
 class Images(Dataset[LabelledImage], ABC):
@@ -46,10 +46,10 @@ class RenderedImages(Images):
 
 
 @dataclass(frozen=True)
-class RealImages(Images):
+class CocoImages(Images):
     """Real images, with boxes but without poses, optionally with each pixel's instrument number."""
 
-    images: Sequence[RealImage]
+    images: Sequence[CocoImage]
     size_px: int
     with_instances: bool = False
 

@@ -13,7 +13,7 @@ from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.real_images import load_square
+from shaftpose.dataset.coco_images import load_square
 
 OCCLUSIONS = ("clear", "occluded")
 

@@ -21,7 +21,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
-from shaftpose.dataset.labelled_images import RealImages, RenderedImages
+from shaftpose.dataset.labelled_images import CocoImages, RenderedImages
 from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream, Transform
@@ -81,9 +81,9 @@ def training_data(
     return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
 
 
-def real_images(side_px: int, with_instances: bool) -> RealImages:
+def real_images(side_px: int, with_instances: bool) -> CocoImages:
     """The training part of the real, or stand-in, images."""
-    return RealImages(read_coco(Path("data/real/train.json")), side_px, with_instances)
+    return CocoImages(read_coco(Path("data/real/train.json")), side_px, with_instances)
 
 
 def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:

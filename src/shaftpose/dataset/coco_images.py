@@ -1,4 +1,4 @@
-"""Annotated real images, and their central squares as the networks see them."""
+"""Images annotated without poses, and their central squares as the networks see them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,45 +9,50 @@ from numpy.typing import NDArray
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image, centre_square, read_rgb
 from shaftpose.core.masks import mask_box
-from shaftpose.dataset import run_lengths
-from shaftpose.dataset.run_lengths import RunLengths
+from shaftpose.dataset.compressed_masks import CompressedMask
 
 Point = tuple[float, float]
 UNKNOWN_POINT: Point = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
-class RealInstrument:
-    """One annotated shaft; box x0, y0, x1, y1 in pixels of the image file.
+class CocoInstrument:
+    """One annotated shaft; all coordinates are px of the image file.
 
-    mask: of the file's size; None where only the box is known. axis: x and y of the tip and of
-    another point of the axis towards the handle, NaN where they are not known.
+    box: x0, y0, x1, y1. mask: of the file's size; None where only the box is known. axis: the tip,
+    and another point of the axis towards the handle; NaN where unknown.
     """
 
     box: tuple[float, float, float, float]
-    mask: RunLengths | None
+    mask: CompressedMask | None
     occluded: bool
     axis: tuple[Point, Point] = (UNKNOWN_POINT, UNKNOWN_POINT)
 
 
 @dataclass(frozen=True)
-class RealImage:
-    """One image file and its instruments; crowds: boxes, without masks, of several in one."""
+class CocoImage:
+    """One image file and its instruments.
+
+    crowds: boxes that each hold several instruments; they have no masks.
+    """
 
     path: Path
     width: int
     height: int
-    instruments: tuple[RealInstrument, ...]
-    crowds: tuple[RealInstrument, ...] = ()
+    instruments: tuple[CocoInstrument, ...]
+    crowds: tuple[CocoInstrument, ...] = ()
 
 
 @dataclass(frozen=True)
-class RealSample:
-    """A real image as the network sees it: rgb (S, S, 3), boxes (G, 4) px, masks G x (S, S), axes
-    (G, 2, 2) px, NaN where they are not known; left_out: (S, S), pixels of dropped instruments
-    and of the boxes of crowds, None if there are none."""
+class SquareImage:
+    """A square image without poses, as the networks see it.
 
-    rgb: NDArray[np.uint8]
+    rgb: (S, S, 3); boxes: (G, 4) px; masks: G of (S, S); axes: (G, 2, 2) px, NaN where unknown;
+    occluded: whether one of the instruments is; left_out: (S, S), the pixels of dropped instruments
+    and of the boxes of crowds, None if there are none.
+    """
+
+    rgb: Image
     boxes: NDArray[np.float64]
     masks: tuple[NDArray[np.bool_], ...]
     axes: NDArray[np.float64]
@@ -55,24 +60,24 @@ class RealSample:
     left_out: NDArray[np.bool_] | None = None
 
 
-def read_pixels(image: RealImage) -> Image:
-    """The image itself (H, W, 3). Raises InputError naming it if it is damaged or of another size
-    than stated."""
+def read_pixels(image: CocoImage) -> Image:
+    """The image (H, W, 3). Raises InputError naming it if it is damaged or of another size than its
+    entry states."""
     rgb = read_rgb(image.path)
     if rgb.shape[:2] != (image.height, image.width):
         raise InputError(
             f"{image.path}: has {rgb.shape[1]} x {rgb.shape[0]} px, its COCO entry says "
-            f"{image.width} x {image.height}; mend the entry"
+            f"{image.width} x {image.height}; fix the entry"
         )
     return rgb
 
 
-def load_square(image: RealImage, size_px: int) -> RealSample:
-    """The central square of a real image, resized, with what remains of its annotations.
+def load_square(image: CocoImage, size_px: int) -> SquareImage:
+    """The central square of an image, resized to size_px, with its annotations clipped to it.
 
-    The box of an instrument with a mask is the extent of what remains of the mask, any other box is
-    clipped. An instrument of whose box less than a fifth lies in the square is dropped, and so is
-    one of whose mask nothing does.
+    The box of an instrument with a mask becomes the extent of the clipped mask; other boxes are
+    clipped themselves. Drops an instrument if less than a fifth of its box, or nothing of its mask,
+    lies in the square.
     """
     rgb = read_pixels(image)
     boxes, masks, axes, occluded = [], [], [], False
@@ -89,7 +94,7 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
             occluded |= instrument.occluded
         else:
             left_out |= _pixels(instrument, image, size_px)
-    return RealSample(
+    return SquareImage(
         rgb=centre_square(rgb, size_px),
         boxes=np.array(boxes, dtype=np.float64).reshape(-1, 4),
         masks=tuple(masks),
@@ -99,16 +104,16 @@ def load_square(image: RealImage, size_px: int) -> RealSample:
     )
 
 
-def _central_square(image: RealImage) -> tuple[int, NDArray[np.int64]]:
+def _central_square(image: CocoImage) -> tuple[int, NDArray[np.int64]]:
     """Side and upper left corner (2,) of the central square, px."""
     side = min(image.width, image.height)
     return side, (np.array([image.width, image.height]) - side) // 2
 
 
-def _pixels(instrument: RealInstrument, image: RealImage, size_px: int) -> NDArray[np.bool_]:
+def _pixels(instrument: CocoInstrument, image: CocoImage, size_px: int) -> NDArray[np.bool_]:
     """The pixels (S, S) of an instrument in the resized square, of its box if it has no mask."""
     if instrument.mask is not None:
-        whole = run_lengths.decode(instrument.mask)
+        whole = instrument.mask.pixels()
     else:
         x0, y0, x1, y1 = np.rint(instrument.box).astype(int)
         whole = np.zeros((image.height, image.width), dtype=np.uint8)
@@ -117,7 +122,7 @@ def _pixels(instrument: RealInstrument, image: RealImage, size_px: int) -> NDArr
 
 
 def _in_square(
-    instrument: RealInstrument, image: RealImage, size_px: int
+    instrument: CocoInstrument, image: CocoImage, size_px: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]] | None:
     """Box (4,) px and mask (S, S) in the resized square; None if the instrument is dropped."""
     side, corner = _central_square(image)
@@ -127,6 +132,6 @@ def _in_square(
         return None
     if instrument.mask is None:
         return box.ravel() * size_px / side, np.zeros((size_px, size_px), dtype=bool)
-    cut = centre_square(run_lengths.decode(instrument.mask), side)
+    cut = centre_square(instrument.mask.pixels(), side)
     mask = centre_square(cut, size_px).astype(bool)
     return (np.array(mask_box(cut.astype(bool))) * size_px / side, mask) if mask.any() else None

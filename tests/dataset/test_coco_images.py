@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.masks import mask_box
-from shaftpose.dataset.real_images import RealImage, RealInstrument, load_square, read_pixels
-from shaftpose.dataset.run_lengths import encode
+from shaftpose.dataset.coco_images import CocoImage, CocoInstrument, load_square, read_pixels
+from shaftpose.dataset.compressed_masks import CompressedMask
 
 
 def write_image(path: Path, width: int, height: int) -> None:
@@ -20,9 +20,9 @@ def write_image(path: Path, width: int, height: int) -> None:
 def test_pixels_of_another_size_than_stated_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     write_image(path, 50, 40)
-    assert read_pixels(RealImage(path, 50, 40, ())).shape == (40, 50, 3)
+    assert read_pixels(CocoImage(path, 50, 40, ())).shape == (40, 50, 3)
     with pytest.raises(InputError, match="50 x 40 px.*40 x 50") as caught:
-        read_pixels(RealImage(path, 40, 50, ()))
+        read_pixels(CocoImage(path, 40, 50, ()))
     assert str(caught.value).startswith(f"{path}: ")
 
 
@@ -31,20 +31,20 @@ def test_damaged_pixels_are_named(tmp_path: Path) -> None:
     write_image(path, 50, 40)
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(InputError, match="not a readable image") as caught:
-        read_pixels(RealImage(path, 50, 40, ()))
+        read_pixels(CocoImage(path, 50, 40, ()))
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def wide_image(folder: Path, *instruments: RealInstrument) -> RealImage:
+def wide_image(folder: Path, *instruments: CocoInstrument) -> CocoImage:
     """1280 x 720: the square starts at column (1280 - 720) / 2 = 280; the scale is 299 / 720."""
     path = folder / "wide.jpg"
     write_image(path, 1280, 720)
-    return RealImage(path, 1280, 720, instruments)
+    return CocoImage(path, 1280, 720, instruments)
 
 
-def box_only(*box: float) -> RealInstrument:
+def box_only(*box: float) -> CocoInstrument:
     x0, y0, x1, y1 = box
-    return RealInstrument((x0, y0, x1, y1), None, occluded=False)
+    return CocoInstrument((x0, y0, x1, y1), None, occluded=False)
 
 
 def test_the_square_moves_boxes_by_hand(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_the_square_cuts_and_drops_boxes(tmp_path: Path) -> None:
 
 
 def test_an_occluded_shaft_outside_of_the_square_does_not_count(tmp_path: Path) -> None:
-    outside = RealInstrument((0, 0, 100, 100), None, occluded=True)
+    outside = CocoInstrument((0, 0, 100, 100), None, occluded=True)
     image = wide_image(tmp_path, outside, box_only(640, 360, 760, 720))
     assert not load_square(image, 299).occluded
 
@@ -83,10 +83,10 @@ def test_the_square_of_an_empty_image(tmp_path: Path) -> None:
     assert sample.masks == ()
 
 
-def masked(mask: NDArray[np.bool_], *box: float) -> RealInstrument:
+def masked(mask: NDArray[np.bool_], *box: float) -> CocoInstrument:
     """A shaft whose annotated box is the extent of its mask, unless another one is given."""
     x0, y0, x1, y1 = box or mask_box(mask)
-    return RealInstrument((x0, y0, x1, y1), encode(mask), occluded=True)
+    return CocoInstrument((x0, y0, x1, y1), CompressedMask.of(mask), occluded=True)
 
 
 def test_the_square_moves_masks(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_mask_is_enlarged(tmp_path: Path) -> None:
     write_image(tmp_path / "a.jpg", 60, 40)
     mask = np.zeros((40, 60), dtype=bool)
     mask[5:20, 20:50] = True  # the square begins at column 10
-    sample = load_square(RealImage(tmp_path / "a.jpg", 60, 40, (masked(mask),)), 80)
+    sample = load_square(CocoImage(tmp_path / "a.jpg", 60, 40, (masked(mask),)), 80)
     np.testing.assert_allclose(sample.boxes, [[20, 10, 80, 40]])
     expected = np.zeros((80, 80), dtype=bool)
     expected[10:40, 20:80] = True
@@ -122,6 +122,6 @@ def test_a_shaft_whose_mask_is_beside_the_square_is_dropped(tmp_path: Path) -> N
 def test_axes_follow_the_central_square(tmp_path: Path) -> None:
     write_jpeg(np.full((100, 200, 3), 90, dtype=np.uint8), tmp_path / "a.jpg")
     axis = ((150.0, 20.0), (190.0, 60.0))  # ends outside of the square, columns 50 to 150
-    shaft = RealInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
-    square = load_square(RealImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
+    shaft = CocoInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
+    square = load_square(CocoImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
     np.testing.assert_allclose(square.axes, [[[50, 10], [70, 30]]])

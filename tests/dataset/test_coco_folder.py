@@ -1,4 +1,4 @@
-"""Rendered sets written as a folder of real images."""
+"""Folders of images without poses: rendered sets as a stand-in."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.stand_in import write_stand_in
+from shaftpose.dataset.coco_folder import write_stand_in
 from tests.core.small_shards import make_sample, write_shard
 
 
