@@ -22,7 +22,7 @@ from shaftpose.core.images import Image
 from shaftpose.export.eight_bits import quantise
 from shaftpose.export.onnx_export import export_onnx
 from shaftpose.inference.backends import open_network, openvino_core
-from shaftpose.inference.bundled import DEFAULT, bundled_model
+from shaftpose.inference.model_files import DEFAULT, bundled_model
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.network.building import build_network
 from shaftpose.network.detector import ShaftDetector

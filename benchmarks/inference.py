@@ -23,8 +23,8 @@ from benchmarks.machine import machine
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
 from shaftpose.inference.backends import open_network
-from shaftpose.inference.bundled import bundled_model, bundled_names
 from shaftpose.inference.loading import load
+from shaftpose.inference.model_files import bundled_model, bundled_names
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.settings.choices import Refinement

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from benchmarks.inference import finder, frames
 from benchmarks.machine import machine
 from shaftpose.core.files import write_json
-from shaftpose.inference.bundled import DEFAULT
+from shaftpose.inference.model_files import DEFAULT
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "benchmarks/results/soak.json"

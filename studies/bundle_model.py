@@ -23,8 +23,13 @@ from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Evaluation, Silhouettes
 from shaftpose.export.half_weights import with_half_weights
 from shaftpose.figures.markdown import pipe_table
-from shaftpose.inference.bundled import CARD_SUFFIX, CHECKSUM_SUFFIX, DEFAULT, checksum
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.model_files import (
+    CARD_SUFFIX,
+    CHECKSUM_SUFFIX,
+    DEFAULT,
+    ModelMetadata,
+    checksum,
+)
 from shaftpose.inference.predictor import Predictor
 from shaftpose.metrics.metrics import Metrics
 from shaftpose.metrics.silhouette_iou import SilhouetteScore
@@ -114,7 +119,7 @@ def store(exported: Path, folder: Path, name: str) -> Path:
     folder.mkdir(parents=True)
     path = folder / f"{name}.onnx"
     model = with_half_weights(onnx.load(str(exported)))
-    facts = ModelFacts.from_text({entry.key: entry.value for entry in model.metadata_props})
+    facts = ModelMetadata.from_text({entry.key: entry.value for entry in model.metadata_props})
     if facts.edge_reader is not None:
         reader = with_half_weights(onnx.ModelProto.FromString(facts.edge_reader))
         facts = replace(facts, edge_reader=reader.SerializeToString())

@@ -14,7 +14,7 @@ from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.markdown import pipe_table
-from shaftpose.inference.bundled import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
+from shaftpose.inference.model_files import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.metrics import Metrics, evaluate

@@ -22,7 +22,7 @@ from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 from shaftpose.core.instruments import Detections
 from shaftpose.core.samples import Sample
 from shaftpose.figures.markdown import pipe_table
-from shaftpose.inference.bundled import bundled_model
+from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.rendering.generator import Generator
 from shaftpose.rendering.set_plans import planned_sets
@@ -56,7 +56,7 @@ def table(settings: Settings, frames: int) -> str:
     Raises InputError if the package's model was trained for another camera than the settings'.
     """
     predictor, true = Predictor(bundled_model()), []
-    wanted, trained = settings.rendering.camera.view_deg, predictor.facts.view_deg
+    wanted, trained = settings.rendering.camera.view_deg, predictor.metadata.view_deg
     if wanted != trained:
         raise InputError(
             f"params.yaml: camera.view_deg is {wanted:g}, but the package's model was trained for "

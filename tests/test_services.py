@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.images import centre_square, read_rgb
-from shaftpose.inference.bundled import DEFAULT, bundled_model
+from shaftpose.inference.model_files import DEFAULT, bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.tracking.models import log_model, register_champion
 from tests.servers import BIN, free_port, server

@@ -19,11 +19,11 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference import bundled
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference import model_files
+from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.video_files import VideoFile
-from tests.inference.test_calibration import PINHOLE
+from tests.inference.test_calibration_files import PINHOLE
 from tests.inference.videos import read_greys, write_video
 
 Places = list[tuple[int, int]]
@@ -62,7 +62,7 @@ def frame(tmp_path: Path) -> Path:
 @pytest.fixture
 def model(constant_model: Path) -> Path:
     """The model with a threshold that only the first of its two shafts reaches."""
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     return constant_model
 
 
@@ -84,9 +84,9 @@ def test_predict_needs_no_model_file(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(bundled, "FOLDER", model.parent)
+    monkeypatch.setattr(model_files, "FOLDER", model.parent)
     model = model.rename(model.with_name("shaftpose.onnx"))
-    model.with_name("shaftpose.onnx.sha256").write_bytes(bundled.checksum(model))
+    model.with_name("shaftpose.onnx.sha256").write_bytes(model_files.checksum(model))
     main(["predict", str(frame)])
     assert json.loads(capsys.readouterr().out)["instruments"] == [FIRST]
     model.unlink()
@@ -143,7 +143,7 @@ def test_positions_grow_with_the_diameter_and_pixels_do_not(
 def test_a_model_without_a_diameter_converts_none(
     model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    store_facts(model, ModelFacts(0.5, 95.0))
+    store_metadata(model, ModelMetadata(0.5, 95.0))
     arguments = ["predict", str(frame), "--model", str(model), "--view-deg", "95"]
     main(arguments)
     assert json.loads(capsys.readouterr().out)["instruments"][0]["metric"]
@@ -368,9 +368,9 @@ def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) < 500  # no weights
     assert "\nview_deg: 95.0\n" in printed and "\nshaft_diameter_mm: 3.0\n" in printed
-    for name in bundled.bundled_names():
+    for name in model_files.bundled_names():
         assert f"name: {name}\n" in printed
-        assert (bundled.FOLDER / f"{name}.md").read_text() in printed
+        assert (model_files.FOLDER / f"{name}.md").read_text() in printed
 
 
 def test_check_says_what_prediction_needs(

@@ -16,8 +16,8 @@ import psutil
 import pytest
 
 from shaftpose.cli.main import main
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
 
 CHUNK, IMAGES = 16, 40
 PATIENCE_S = 300.0  # enough for a busy machine
@@ -33,7 +33,7 @@ main(sys.argv[1:])
 
 @pytest.fixture
 def model(constant_model: Path) -> Path:
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     return constant_model
 
 

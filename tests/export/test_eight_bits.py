@@ -8,9 +8,9 @@ import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
 from shaftpose.export.eight_bits import inner_nodes, quantise
-from shaftpose.export.onnx_export import store_facts
+from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.backends import open_network
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.model_files import ModelMetadata
 
 RNG = np.random.default_rng(0)
 SIDE, CHANNELS = 16, 4
@@ -65,12 +65,12 @@ def test_the_copy_computes_nearly_the_same_and_keeps_the_facts(
 ) -> None:
     floats, integers = tmp_path / "model.onnx", tmp_path / "model_8bit.onnx"
     onnx.save(model, str(floats))
-    facts = ModelFacts(confidence=0.25, view_deg=70.0, edge_reader=b"bytes")
-    store_facts(floats, facts)
+    facts = ModelMetadata(confidence=0.25, view_deg=70.0, edge_reader=b"bytes")
+    store_metadata(floats, facts)
     images = RNG.integers(0, 256, (5, SIDE, SIDE, 3)).astype(np.uint8)
     quantise(floats, integers, images)
     first, second = (open_network(path, "onnxruntime") for path in (floats, integers))
-    assert ModelFacts.from_text(second.metadata) == facts
+    assert ModelMetadata.from_text(second.metadata) == facts
     (expected,), (found,) = (network.run(["found"], images) for network in (first, second))
     apart = np.abs(found - expected)
     assert 0 < apart.max() < 0.02 * expected.max()  # of 255 steps, two convolutions lose a few

@@ -8,11 +8,10 @@ import pytest
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
-from shaftpose.inference.annotated_files import annotated_files, unused
-from shaftpose.inference.drawing import draw_shafts
+from shaftpose.inference.annotated_files import annotated_files, draw_shafts, unused
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.unwritable import UnwritableError
+from shaftpose.inference.result_stream import UnwritableError
 from tests.inference.full_disk import longest_file
 from tests.inference.videos import read_greys
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.inference.backends import open_network, openvino_core
-from shaftpose.inference.bundled import bundled_model, bundled_names
+from shaftpose.inference.model_files import bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 from tests.conftest import BOXES
 
@@ -27,7 +27,7 @@ def images() -> NDArray[np.uint8]:
 def test_openvino_finds_what_onnxruntime_finds(name: str, images: NDArray[np.uint8]) -> None:
     path = bundled_model(name)
     one, other = Predictor(path, "none"), Predictor(path, "none", "openvino")
-    assert other.facts == one.facts
+    assert other.metadata == one.metadata
     assert other.side_px == one.side_px
     np.testing.assert_allclose(other.masks(images), one.masks(images), atol=1e-4)
     assert one(images)[0].scores.max() > 0.4

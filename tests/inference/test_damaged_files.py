@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
 
 IMAGES, MODELS = 800, 300
 FORMATS = ("png", "jpg", "bmp", "tiff", "webp")
@@ -64,7 +64,7 @@ def test_each_image_gives_a_result_or_an_error(constant_model: Path, tmp_path: P
     folder = tmp_path / "images"
     folder.mkdir()
     files = list(damaged_images(folder))
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     done = subprocess.run(
         [sys.executable, "-c", "from shaftpose.cli.main import main; main()", "predict",
          str(folder), "--model", str(constant_model), "--view-deg", "95", "--diameter-mm", "3"],
@@ -80,7 +80,7 @@ def test_each_image_gives_a_result_or_an_error(constant_model: Path, tmp_path: P
 
 
 def test_each_model_is_used_or_refused(constant_model: Path, tmp_path: Path) -> None:
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     rng, data, files = np.random.default_rng(0), constant_model.read_bytes(), []
     for number in range(MODELS):
         files.append(tmp_path / f"{number}.onnx")

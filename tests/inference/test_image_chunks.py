@@ -16,14 +16,13 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.export.onnx_export import store_facts
+from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference import image_chunks
-from shaftpose.inference.finder_options import FinderOptions
-from shaftpose.inference.frames import Source
+from shaftpose.inference.frames import ImageFile, Source
 from shaftpose.inference.image_chunks import Chunk, PredictedImage, Prediction, predicted_images
-from shaftpose.inference.image_files import ImageFile
-from shaftpose.inference.model_facts import ModelFacts
-from shaftpose.inference.sources import sources
+from shaftpose.inference.loading import FinderOptions
+from shaftpose.inference.model_files import ModelMetadata
+from shaftpose.inference.prediction_run import sources
 
 Work = Callable[[Chunk], Prediction]
 Predicted = Iterator[tuple[Chunk, Prediction | None]]
@@ -37,7 +36,7 @@ def environment(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def options(constant_model: Path) -> FinderOptions:
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     return FinderOptions(str(constant_model), None, 95.0, None, None, "edges", "onnxruntime")
 
 

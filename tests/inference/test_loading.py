@@ -11,10 +11,10 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb
-from shaftpose.export.onnx_export import store_facts
+from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.loading import load
-from shaftpose.inference.model_facts import ModelFacts
-from tests.inference.test_calibration import FILE
+from shaftpose.inference.model_files import ModelMetadata
+from tests.inference.test_calibration_files import FILE
 
 ROOT = Path(__file__).parents[2]
 FRAME = ROOT / "src/shaftpose/inference/demo_frame.jpg"
@@ -73,7 +73,7 @@ def test_options_without_a_meaning_are_named(options: dict[str, Any], message: s
 def test_a_model_of_a_distorting_lens_takes_no_other_camera(
     option: dict[str, Any], constant_model: Path
 ) -> None:
-    store_facts(constant_model, ModelFacts(confidence=0.5, distorted=True))
+    store_metadata(constant_model, ModelMetadata(confidence=0.5, distorted=True))
     warnings: list[str] = []
     load(constant_model, warn=warnings.append)
     assert "which none of the options can state" in warnings[0]

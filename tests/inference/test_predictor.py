@@ -8,8 +8,8 @@ import onnx
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from tests.conftest import BOXES, constant_edge_reader, write_constant_model
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
@@ -34,7 +34,7 @@ def test_a_mask_that_is_not_finite_is_named_with_file_and_image(masked_model: Pa
     spoilt[7, 9] = np.nan
     values = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75])}
     write_constant_model(masked_model, {**values, "poses": POSES[0][None], "mask": spoilt})
-    store_facts(masked_model, FLAT_ROD)
+    store_metadata(masked_model, FLAT_ROD)
     predictor, images = Predictor(masked_model), np.zeros((2, 299, 299, 3), dtype=np.uint8)
     for read in (predictor, predictor.masks):
         with pytest.raises(InputError, match=rf"^{masked_model}: image 0 of a batch: .* a mask"):
@@ -42,24 +42,24 @@ def test_a_mask_that_is_not_finite_is_named_with_file_and_image(masked_model: Pa
 
 
 def test_the_file_keeps_its_confidence(constant_model: Path) -> None:
-    store_facts(constant_model, ModelFacts(0.1 + 0.2, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.1 + 0.2, 95.0, 3.0))
     assert Predictor(constant_model).confidence == 0.1 + 0.2
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     assert Predictor(constant_model).confidence == 0.5
 
 
 def test_the_file_states_its_camera_and_its_shaft(constant_model: Path) -> None:
-    store_facts(constant_model, ModelFacts(0.5, 70.5, 5.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 70.5, 5.0))
     predictor = Predictor(constant_model)
-    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (70.5, 5.0)
+    assert (predictor.metadata.view_deg, predictor.metadata.shaft_diameter_mm) == (70.5, 5.0)
     assert predictor.side_px == 299
-    store_facts(constant_model, ModelFacts(0.5, 70.5, None))  # an instrument from a CAD file
-    assert Predictor(constant_model).facts.shaft_diameter_mm is None
+    store_metadata(constant_model, ModelMetadata(0.5, 70.5, None))  # an instrument from a CAD file
+    assert Predictor(constant_model).metadata.shaft_diameter_mm is None
 
 
 def test_a_file_that_states_no_camera_has_the_papers(constant_model: Path) -> None:
     predictor = Predictor(constant_model)
-    assert (predictor.facts.view_deg, predictor.facts.shaft_diameter_mm) == (95.0, None)
+    assert (predictor.metadata.view_deg, predictor.metadata.shaft_diameter_mm) == (95.0, None)
 
 
 def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
@@ -76,7 +76,7 @@ def test_damaged_metadata_are_named(constant_model: Path) -> None:
         Predictor(constant_model)
 
 
-FLAT_ROD = ModelFacts(
+FLAT_ROD = ModelMetadata(
     0.5, VIEW_DEG, SHAFT.diameter_mm, SHAFT.length_mm, "flat",
     edge_reader=constant_edge_reader(offset=0.0, log_error=0.0),
 )  # fmt: skip
@@ -99,7 +99,7 @@ def masked_model(tmp_path: Path) -> Path:
     }  # fmt: skip
     ordered = {name: values[name] for name in ("boxes", "scores", "poses", "mask")}
     path = write_constant_model(tmp_path / "masked.onnx", ordered)
-    store_facts(path, FLAT_ROD)
+    store_metadata(path, FLAT_ROD)
     return path
 
 
@@ -119,7 +119,7 @@ def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
     assert alone.confidence == 0.5
     with pytest.raises(InputError, match=r"masked\.onnx: holds no confidence threshold"):
         _ = fitting.confidence
-    store_facts(masked_model, replace(FLAT_ROD, fit_confidence=0.25))
+    store_metadata(masked_model, replace(FLAT_ROD, fit_confidence=0.25))
     assert [one.confidence for one in raw_and_refined_predictors(masked_model, "mask")] == [
         0.5,
         0.25,
@@ -133,18 +133,18 @@ def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
         replace(FLAT_ROD, distorted=True),
     ],
 )
-def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelFacts, masked_model: Path) -> None:
-    store_facts(masked_model, facts)
-    assert Predictor(masked_model).facts == facts
+def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelMetadata, masked_model: Path) -> None:
+    store_metadata(masked_model, facts)
+    assert Predictor(masked_model).metadata == facts
     assert len(raw_and_refined_predictors(masked_model, "edges")) == 1
 
 
 def test_a_model_without_an_edge_reader_is_fitted_to_its_mask_alone(masked_model: Path) -> None:
-    store_facts(masked_model, replace(FLAT_ROD, edge_reader=None))
+    store_metadata(masked_model, replace(FLAT_ROD, edge_reader=None))
     with pytest.raises(InputError, match=r"masked\.onnx: holds no edge reader.*--refine mask"):
         Predictor(masked_model)
     assert not Predictor(masked_model, "mask").fits_edges
-    store_facts(masked_model, replace(FLAT_ROD, edge_reader=b"no model"))
+    store_metadata(masked_model, replace(FLAT_ROD, edge_reader=b"no model"))
     with pytest.raises(InputError, match=r"masked\.onnx: its edge reader is damaged"):
         Predictor(masked_model)
 

@@ -10,7 +10,7 @@ from shaftpose.cli.main import main
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.inference.found_shafts import FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.unwritable import UnwritableError
+from shaftpose.inference.result_stream import UnwritableError
 from tests.inference.full_disk import longest_file
 
 REASON = "rerun-sdk is not installed: in a clone, pip install '.[rerun]'"

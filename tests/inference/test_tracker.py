@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.inference.found_shafts import Array, FoundShaft
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.tracker import Tracker, matches
+from shaftpose.inference.tracker import ShaftTracker, matches, nearest_pairs
 
 RGB = np.zeros((10, 20, 3), np.uint8)
 DRAWN = np.ones((2, 2))
@@ -23,8 +24,8 @@ def shaft(x_mm: float, yaw_deg: float = 0.0) -> FoundShaft:
     return FoundShaft(0.9, np.zeros(4), np.zeros((2, 2)), pose, True, np.full(5, 0.1))
 
 
-def tracker() -> Tracker:
-    return Tracker(lambda pose, rgb: DRAWN, 3.0)
+def tracker() -> ShaftTracker:
+    return ShaftTracker(lambda pose, rgb: DRAWN, 3.0)
 
 
 def test_shafts_that_pass_each_other_keep_their_numbers() -> None:
@@ -74,7 +75,7 @@ def test_a_smoothed_pose_is_drawn_where_it_is() -> None:
         drawn.append(pose)
         return DRAWN
 
-    follow = Tracker(axis_px, 3.0)
+    follow = ShaftTracker(axis_px, 3.0)
     follow(frame(0), [shaft(3)])
     (found,) = follow(frame(1), [shaft(3.4)])
     assert drawn[-1] == found.pose
@@ -86,7 +87,7 @@ def test_a_smoothed_pose_is_drawn_where_it_is() -> None:
 def test_distances_grow_with_the_diameter() -> None:
     """A jump of 20 mm is too far for shafts of 3 mm, but not for shafts of 10 mm."""
     for diameter_mm, number in ((3.0, 2), (10.0, 1)):
-        follow = Tracker(lambda pose, rgb: DRAWN, diameter_mm)
+        follow = ShaftTracker(lambda pose, rgb: DRAWN, diameter_mm)
         follow(frame(0), [replace(shaft(0), deviations=None)])
         (found,) = follow(frame(1), [replace(shaft(20), deviations=None)])
         assert found.track == number
@@ -103,3 +104,21 @@ def test_the_nearest_pairs_match_first_and_far_ones_never() -> None:
     assert matches(at, [at[1] - 3 * np.eye(6)[0], at[1]], 12.0) == {1: 1, 0: 0}
     assert matches(at[2:], at[:1], 12.0) == {}
     assert matches([along], [np.array([0.0, 0, 0, 0, 1, 0])], 12.0) == {}
+
+
+def test_the_nearest_are_paired_first() -> None:
+    """Row 0 is near both columns, but column 0 is nearer to row 1; row 2 is too far from all."""
+    distances = np.array([[2.0, 3.0], [1.0, 5.0], [9.0, 9.0]])
+    assert nearest_pairs(distances, 4.0) == {1: 0, 0: 1}
+    assert nearest_pairs(distances, 3.0) == {1: 0, 0: 1}
+    assert nearest_pairs(distances, 2.9) == {1: 0}
+    assert nearest_pairs(distances, 0.9) == {}
+
+
+def test_what_is_infinitely_far_or_no_number_has_no_partner() -> None:
+    assert nearest_pairs(np.array([[np.inf, np.nan, 1.0]]), np.inf) == {0: 2}
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (0, 3), (2, 0)])
+def test_nothing_has_no_pairs(shape: tuple[int, int]) -> None:
+    assert nearest_pairs(np.zeros(shape), 1.0) == {}

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image
 from shaftpose.inference.calibration import Calibration
-from shaftpose.inference.views import CentreSquare, Resampled
+from shaftpose.inference.calibration_files import stated_view
+from shaftpose.inference.views import CentreSquare, Resampled, known_camera
 
 MODEL = Camera.from_field_of_view(299, 299, 95.0)
 
@@ -116,3 +117,13 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
     assert (None if fine is None else fine.shape) == (side_px and (side_px, side_px, 3))
     calibration = Calibration.pinhole(299, 299, 95.0)
     assert Resampled(calibration, MODEL).fine_square(frame[:299, :299]) is None
+
+
+def test_a_camera_that_sees_less_than_the_model_is_warned_of_once() -> None:
+    warnings: list[str] = []
+    views = known_camera(stated_view(60.0), MODEL, warnings.append)
+    assert views(299, 299) is views(299, 299)
+    assert len(warnings) == 1
+    assert "299 x 299 px fill only 28% of the view" in warnings[0]
+    known_camera(stated_view(95.0), MODEL, warnings.append)(1920, 1080)
+    assert len(warnings) == 1

@@ -11,8 +11,8 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.metrics.metrics import Metrics
 from shaftpose.training.data_identity import rendered_digest
 from studies.model_comparison import Comparison
@@ -59,7 +59,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     # The best detection is right in four of five images.
     found = evaluation("D + noise + real", trained, raw=accuracy(mAP=0.8))
     folder = write_training(tmp_path, found)
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     constant_model.rename(folder / "model.onnx")
     return folder
 

@@ -12,8 +12,8 @@ from onnx import ModelProto, numpy_helper
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.evaluation.results import Silhouettes
-from shaftpose.inference import bundled
-from shaftpose.inference.bundled import bundled_model
+from shaftpose.inference import model_files
+from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.metrics.silhouette_iou import SilhouetteScore
 from studies import bundle_model
@@ -39,9 +39,9 @@ def test_all_that_belongs_to_a_model_is_written(
     assert {path.name for path in models.iterdir()} == {
         "shaftpose.onnx", "shaftpose.onnx.sha256", "shaftpose.md",
     }  # fmt: skip
-    monkeypatch.setattr(bundled, "FOLDER", models)
+    monkeypatch.setattr(model_files, "FOLDER", models)
     predictor = Predictor(bundled_model())
-    assert (predictor.confidence, predictor.facts.shaft_diameter_mm) == (0.5, 3.0)
+    assert (predictor.confidence, predictor.metadata.shaft_diameter_mm) == (0.5, 3.0)
     content = json.loads((frames / "frames.json").read_text())
     names = ["frame_0.jpg", "frame_1.jpg", "frame_2.jpg"]
     assert [frame["image"] for frame in content["frames"]] == names

@@ -8,9 +8,8 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.bundled import bundled_model, checksum
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata, bundled_model, checksum
 from shaftpose.inference.predictor import Predictor
 from studies.bundled_errors import RECORDS, BundledErrors, measured, recorded, table
 from tests.evaluations import METRICS
@@ -27,7 +26,7 @@ def renders(tmp_path: Path) -> Path:
 
 
 def test_all_images_are_measured(constant_model: Path, renders: Path) -> None:
-    store_facts(constant_model, ModelFacts(0.5, 95.0, 3.0))
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
     metrics = measured(Predictor(constant_model), renders)
     assert (metrics.images, metrics.instruments, metrics.confidence) == (2, 2, 0.5)
     assert (metrics.detected_rate, metrics.x_mm, metrics.tip_mm) == pytest.approx((1.0, 0.5, 0.5))

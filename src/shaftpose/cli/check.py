@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.bundled import DEFAULT
+from shaftpose.inference.model_files import DEFAULT
 from shaftpose.origin import processor
 
 _PACKAGES = ("numpy", "cv2", "onnxruntime", "tqdm")
@@ -85,7 +85,7 @@ def camera(path: Path, name: str) -> str:
 
     Raises InputError naming the file if it is no calibration.
     """
-    from shaftpose.inference.calibration import read_calibration
+    from shaftpose.inference.calibration_files import read_calibration
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
     from shaftpose.inference.views import Resampled
@@ -94,6 +94,6 @@ def camera(path: Path, name: str) -> str:
         calibration, predictor = read_calibration(path), Predictor(file)
     covered = Resampled(calibration, predictor.camera).covered
     return (
-        f"fills {covered:.0%} of the view of {name}, {predictor.facts.view_deg:g} deg; "
+        f"fills {covered:.0%} of the view of {name}, {predictor.metadata.view_deg:g} deg; "
         f"to train for this camera, set camera.view_deg to {calibration.widest_view_deg():.1f}"
     )

@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import replace
 
-from shaftpose.inference.bundled import CARD_SUFFIX, bundled_model, bundled_names
+from shaftpose.inference.model_files import CARD_SUFFIX, bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 
 
@@ -15,7 +15,7 @@ def run(_options: argparse.Namespace) -> None:
         print(f"name: {name}")
         print(f"file: {path}, {path.stat().st_size / 1e6:.1f} MB, SHA-256 as recorded")
         print(f"image: {predictor.side_px} x {predictor.side_px} px")
-        facts = replace(predictor.facts, edge_reader=None)  # a second model, no text
+        facts = replace(predictor.metadata, edge_reader=None)  # a second model, no text
         for key, value in facts.as_text().items():
             print(f"{key}: {value}")
         print(f"\n{path.with_suffix(CARD_SUFFIX).read_text()}")

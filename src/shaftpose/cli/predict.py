@@ -13,17 +13,15 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import PredictedImage, predicted_images
+from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
-from shaftpose.inference.outputs import Write, outputs
-from shaftpose.inference.prediction_run import for_each_frame
+from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, sources
 from shaftpose.inference.result_stream import result_stream
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.sources import sources
-from shaftpose.inference.tracker import Tracker
+from shaftpose.inference.tracker import ShaftTracker
 
 
 def run(options: argparse.Namespace) -> None:
@@ -44,7 +42,7 @@ def _predict_alone(options: argparse.Namespace) -> int:
     """Predict all sources in this process; returns how many failed."""
     finder = _finder_options(options).finder(warn)
     named = named_sources(options.sources)
-    tracker = Tracker(finder.axis_px, finder.diameter_mm) if options.track else None
+    tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style, drawings = format_of_run(options.format), options.out if options.draw else None
     recording = _recording(options.out, finder) if options.rerun else None
     with (

@@ -16,8 +16,8 @@ from onnxruntime.quantization import (
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from shaftpose.core.files import new_file
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
 
 # Between two convolutions in 8 bits, these are faster in 8 bits, too.
 _KINDS = ["Conv", "Concat", "MaxPool", "AveragePool"]
@@ -47,7 +47,7 @@ def quantise(model: Path, out: Path, images: NDArray[np.uint8]) -> None:
                 weight_type=QuantType.QInt8,
             )
         stated = {fact.key: fact.value for fact in onnx.load(str(model)).metadata_props}
-        store_facts(part, ModelFacts.from_text(stated))
+        store_metadata(part, ModelMetadata.from_text(stated))
 
 
 def inner_nodes(graph: GraphProto) -> list[str]:

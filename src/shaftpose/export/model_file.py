@@ -10,10 +10,10 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
-from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_facts
+from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_metadata
 from shaftpose.export.parity import Parity, check_parity, edge_difference, mask_difference
 from shaftpose.inference.learned_edges import LearnedEdges
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.detection.average_precision import precision_recall
@@ -48,12 +48,12 @@ def export_model(
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
     facts = _facts(rendering, stored)
-    store_facts(path, facts)
+    store_metadata(path, facts)
     alone, *fitting = raw_and_refined_predictors(path, "mask" if stored is None else "edges")
     facts = replace(facts, confidence=validated_confidence(alone))
     for fit in fitting:
         facts = replace(facts, fit_confidence=validated_confidence(fit))
-    store_facts(path, facts)
+    store_metadata(path, facts)
     return parity
 
 
@@ -66,10 +66,10 @@ def _parity(detector: ShaftDetector, predictor: Predictor, images: NDArray[np.ui
     return parity
 
 
-def _facts(rendering: RenderSettings, edge_reader: bytes | None) -> ModelFacts:
+def _facts(rendering: RenderSettings, edge_reader: bytes | None) -> ModelMetadata:
     """What the file states, still without thresholds."""
     shaft, lens = rendering.shaft, rendering.lens.distortion
-    return ModelFacts(
+    return ModelMetadata(
         view_deg=rendering.camera.view_deg,
         # The diameter of an instrument from a CAD file is not a setting.
         shaft_diameter_mm=None if shaft.cad else shaft.diameter_mm,

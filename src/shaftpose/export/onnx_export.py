@@ -14,7 +14,7 @@ from torch import nn
 
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.ssd.decoding import NMS_OPERATOR
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
@@ -67,7 +67,7 @@ def edge_reader_bytes(reader: nn.Module) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def store_facts(path: Path, facts: ModelFacts) -> None:
+def store_metadata(path: Path, facts: ModelMetadata) -> None:
     """Store facts in the metadata of an exported file."""
     model = onnx.load(str(path))
     onnx.helper.set_model_props(model, facts.as_text())

@@ -1,4 +1,4 @@
-"""Pictures and videos of what was found, in a folder."""
+"""Drawings of found shafts, as pictures and videos in a folder."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -7,18 +7,49 @@ from pathlib import Path
 import cv2
 
 from shaftpose.core.images import Image, write_jpeg
-from shaftpose.inference.drawing import draw_shafts
+from shaftpose.figures.drawing import (
+    FOUND,
+    LINE_PX,
+    SUBPIXEL_BITS,
+    pose_text,
+    subpixel_grid,
+    write_text,
+)
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.unwritable import UnwritableError, incomplete, naming_unwritable
+from shaftpose.inference.result_stream import UnwritableError, incomplete, naming_unwritable
 from shaftpose.inference.video_files import opencv_takes, stated_length
+
+_PLAIN_PX = 299  # side of a frame with lines of one pixel
+
+
+def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
+    """Draw boxes, tips, axes and poses (mm, deg) on a copy of a frame (H, W, 3). Poses that are not
+    metric are marked."""
+    drawn, scale = rgb.copy(), max(min(rgb.shape[:2]) / _PLAIN_PX, 0.5)
+    thickness, bits = max(round(scale), 1), SUBPIXEL_BITS
+    for row, shaft in enumerate(sorted(shafts, key=lambda shaft: shaft.track or 0)):
+        low, high = subpixel_grid(shaft.box.reshape(2, 2)).tolist()
+        cv2.rectangle(drawn, low, high, FOUND, thickness, cv2.LINE_AA, bits)
+        tip, end = subpixel_grid(shaft.axis_px).tolist()
+        cv2.line(drawn, tip, end, FOUND, thickness, cv2.LINE_AA, bits)
+        cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, thickness, cv2.LINE_AA, bits)
+        below = round((8 + LINE_PX * row) * scale)
+        write_text(drawn, shaft_text(shaft), (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
+    return drawn
+
+
+def shaft_text(shaft: FoundShaft) -> str:
+    """The number, if it has one, and the pose (mm, deg) of a shaft; marked if not metric."""
+    number = "" if shaft.track is None else f"{shaft.track}: "
+    return number + pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
 
 
 class AnnotatedFiles:
-    """Draws frames: a JPEG file for each image, an MP4 file for each video or stream, or for each
-    part of it with frames of one size.
+    """Writes drawings: a JPEG file for each image, an MP4 file for each video or stream, and a new
+    one whenever the size of its frames changes.
 
-    No file is overwritten: a name that is taken gets a number.
+    No file is overwritten: a name that exists gets a number.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -76,7 +107,7 @@ class AnnotatedVideo:
             )
 
     def is_continued_by(self, frame: Frame) -> bool:
-        """Whether a frame belongs to the same video and has its size: OpenCV leaves out others."""
+        """Whether a frame belongs to the same video and has its size: OpenCV would drop others."""
         same = frame.source == self._source and frame.rgb.shape == self._shape
         return same and frame.number > 0
 
@@ -86,7 +117,7 @@ class AnnotatedVideo:
         self._count += 1
 
     def close(self) -> None:
-        """Finish the file. Raises UnwritableError if it lacks frames: OpenCV does not tell."""
+        """Finish the file. Raises UnwritableError if it lacks frames: OpenCV reports no failure."""
         self.release()
         if (stated_length(cv2.VideoCapture(self._name)) or 0) < self._count:
             raise incomplete(self._name)
@@ -98,7 +129,7 @@ class AnnotatedVideo:
 
 @contextmanager
 def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
-    """Pictures and videos in a folder; the last video is finished even if prediction fails.
+    """Pictures and videos in a folder. The last video is finished even if prediction fails.
 
     Raises UnwritableError at the end if the last video is not complete.
     """
@@ -111,7 +142,7 @@ def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
 
 
 def unused(folder: Path, stem: str, suffix: str) -> Path:
-    """A path in a folder that nothing has yet: stem.suffix, stem-2.suffix, ..."""
+    """The first of the paths stem.suffix, stem-2.suffix, ... in a folder that does not exist."""
     path, number = folder / f"{stem}.{suffix}", 1
     while path.exists():
         number += 1

@@ -34,8 +34,8 @@ class Network(Protocol):
 def open_network(path: Path, backend: Backend) -> Network:
     """The model in a file.
 
-    Raises InputError if the backend is not installed, naming the file if it cannot be read, or
-    naming the variable for the number of threads if it is no number.
+    Raises InputError if the backend is not installed, if the file cannot be read, or if the
+    environment variable for the number of threads is not a number.
     """
     threads = _most_threads()
     try:
@@ -50,7 +50,7 @@ def open_network(path: Path, backend: Backend) -> Network:
 
 
 def _most_threads() -> int:
-    """onnxruntime's own limit, which holds for OpenVINO, too; 0 for none."""
+    """onnxruntime's environment variable, which also limits OpenVINO; 0: no limit."""
     stated = os.environ.get(_THREADS) or "0"
     if not stated.isdecimal():
         raise InputError(f"{_THREADS}={stated}: not a number of threads; set one, or unset it")
@@ -77,7 +77,7 @@ class _InOnnxruntime:
 
 @cache
 def openvino_core() -> Any:
-    """OpenVINO's plug-ins, one for the process: one that drops some and makes others crashes later.
+    """OpenVINO's plug-ins, created once per process: creating them repeatedly crashes it later.
 
     Raises ImportError if OpenVINO is not installed.
     """
@@ -99,7 +99,7 @@ class _InOpenVino:
         }
         self.outputs = [output.get_any_name() for output in model.outputs]
         settings: dict[str, str | int] = {
-            # Its default, 16 bits where the processor has them, moves poses.
+            # The default, 16 bits on processors that have them, changes poses.
             "INFERENCE_PRECISION_HINT": "f32",
             "PERFORMANCE_HINT": "LATENCY",
             "INFERENCE_NUM_THREADS": threads,
@@ -113,5 +113,5 @@ class _InOpenVino:
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         with self._busy:
-            values = self._compiled(images)  # copies of the request's own
+            values = self._compiled(images)  # copies
         return [np.asarray(values[name]) for name in outputs]

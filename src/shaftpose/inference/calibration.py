@@ -1,30 +1,44 @@
-"""A user's camera as OpenCV describes it: intrinsics and lens distortion."""
+"""A user's camera, as OpenCV calibrates it: intrinsics and lens distortion.
+
+`core.geometry.Camera` is the camera of a model and of the renderer: square pixels, and rays that
+fit into closed forms. A calibration maps its rays to the pixels of a real camera, whose pixels need
+not be square, with all of OpenCV's distortions.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Array, Camera
 
-Array = NDArray[np.float64]
-
-# Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
-_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 _BORDER_RAYS = 101  # on each side of a square
 _TANGENT_STEP = 1e-4
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 
 
+class Places(NamedTuple):
+    """Where samples of a camera's image, (H, W) each, lie in the frames of a calibrated camera.
+
+    x, y: float32 px, for pixel centres at whole numbers, as `cv2.remap` takes them. inside: whether
+    the frame shows the place.
+    """
+
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    inside: NDArray[np.bool_]
+
+
 @dataclass(frozen=True)
 class Calibration:
-    """A camera.
+    """A calibrated camera with frames of `width` x `height` px.
 
-    matrix: (3, 3), px, for pixel centres at whole numbers, as OpenCV has them; distortion: (D,),
-    k1, k2, p1, p2, k3, ... of `cv2.projectPoints`.
+    matrix: (3, 3) px. Only inside this class, pixel centres lie at whole numbers, as in OpenCV; in
+    the rest of the project they lie at + 0.5. distortion: (D,), k1, k2, p1, p2, k3, ... of
+    `cv2.projectPoints`.
     """
 
     width: int
@@ -35,12 +49,18 @@ class Calibration:
     @classmethod
     def pinhole(cls, width: int, height: int, view_deg: float) -> "Calibration":
         """A centred camera without distortion; view_deg: the angle across the central square."""
-        focal_px = min(width, height) / (2 * np.tan(np.radians(view_deg) / 2))
+        side_px = min(width, height)
+        focal_px = Camera.from_field_of_view(side_px, side_px, view_deg).focal_px
         matrix = [[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]]
         return cls(width, height, np.array(matrix), np.zeros(0))
 
+    @property
+    def focal_px(self) -> float:
+        """The focal length along a row."""
+        return float(self.matrix[0, 0])
+
     def image_px(self, rays: Array) -> Array:
-        """Pixels (N, 2), centres at integer + 0.5, of rays (N, 2): x / z and y / z.
+        """Pixels (N, 2), centres at + 0.5, of rays (N, 2): x / z and y / z.
 
         Rays beyond the lens's valid radius are moved to it.
         """
@@ -52,9 +72,25 @@ class Calibration:
         )
         return np.asarray(pixels[:, 0] + 0.5, dtype=np.float64)
 
+    def places_of(self, camera: Camera, samples: int) -> Places:
+        """The places of `samples` x `samples` samples in each pixel of a pinhole camera that looks
+        the same way."""
+        width, height = samples * camera.width, samples * camera.height
+        matrix = np.diag([samples, samples, 1.0]) @ camera.matrix
+        matrix[:2, 2] -= 0.5
+        x, y = cv2.initUndistortRectifyMap(
+            self.matrix, self.distortion, np.eye(3), matrix, (width, height), cv2.CV_32FC1
+        )
+        rays_x = (np.arange(width) - matrix[0, 2]) / matrix[0, 0]
+        rays_y = (np.arange(height) - matrix[1, 2]) / matrix[1, 1]
+        inside = np.hypot(rays_x, rays_y[:, None]) <= self.valid_radius
+        inside &= (x >= -0.5) & (x <= self.width - 0.5)
+        inside &= (y >= -0.5) & (y <= self.height - 0.5)
+        return Places(x.astype(np.float32, copy=False), y.astype(np.float32, copy=False), inside)
+
     def widest_view_deg(self) -> float:
-        """The angle across the widest square that a camera without distortion, looking the same
-        way, could see in the frame."""
+        """The view angle of the widest square image that an undistorted camera, looking the same
+        way, can take from the frame."""
         along, beside = np.linspace(-1, 1, _BORDER_RAYS), np.ones(_BORDER_RAYS)
         sides = ((along, beside), (along, -beside), (beside, along), (-beside, along))
         border = np.concatenate([np.column_stack(side) for side in sides])
@@ -72,79 +108,11 @@ class Calibration:
 
     @cached_property
     def valid_radius(self) -> float:
-        """The largest radius of rays that the distortion does not fold back, infinite if none is:
-        its polynomial is fitted within the image and means nothing far outside."""
+        """The largest radius sqrt(x^2 + y^2) / z of rays before the distortion folds back, infinite
+        if it never does. Its polynomial is fitted within the image and means nothing far outside.
+        """
         radii = np.linspace(0, _WIDEST_TANGENT, 10_001)
         rays = np.column_stack([radii, np.zeros_like(radii), np.ones_like(radii)])
         seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self.distortion)
-        folds = np.flatnonzero(~(np.diff(seen[:, 0, 0]) > 0))  # or is no number
+        folds = np.flatnonzero(~(np.diff(seen[:, 0, 0]) > 0))  # NaN, too
         return float(radii[folds[0]]) if folds.size else np.inf
-
-
-def read_calibration(path: Path) -> Calibration:
-    """A camera from a YAML, XML or JSON file of OpenCV: `image_width`, `image_height`,
-    `camera_matrix`, `distortion_coefficients`, as OpenCV's calibration programs write them.
-
-    Raises InputError naming the file and what is wrong in it.
-    """
-    storage = _opened(path)
-    width, height = (_whole(path, storage, f"image_{side}") for side in ("width", "height"))
-    if _given(storage.getNode("fisheye_model")):
-        raise InputError(f"{path}: fisheye_model: calibrate with OpenCV's other lens model")
-    matrix = _numbers(path, storage, "camera_matrix")
-    distortion = _numbers(path, storage, "distortion_coefficients")
-    if matrix.size != 9 or not _is_camera(matrix.reshape(3, 3)):
-        raise InputError(
-            f"{path}: camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] in px, is "
-            f"{matrix.tolist()}"
-        )
-    if distortion.size not in _COEFFICIENTS:
-        raise InputError(
-            f"{path}: distortion_coefficients: {distortion.size} numbers; OpenCV has "
-            f"{', '.join(map(str, _COEFFICIENTS))}"
-        )
-    return Calibration(width, height, matrix.reshape(3, 3), distortion)
-
-
-def _opened(path: Path) -> cv2.FileStorage:
-    try:
-        text = path.read_text()
-        return cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, SystemError, cv2.error) as error:
-        raise InputError(
-            f"{path}: no calibration file; OpenCV's YAML begins with %YAML:1.0"
-        ) from error
-
-
-def _whole(path: Path, storage: cv2.FileStorage, name: str) -> int:
-    node = storage.getNode(name)
-    if not node.isInt() or node.real() < 1:
-        raise InputError(f"{path}: {name}: missing or not a whole number above 0")
-    return int(node.real())
-
-
-def _numbers(path: Path, storage: cv2.FileStorage, name: str) -> Array:
-    """The numbers of a matrix, by rows. OpenCV 4.11's own `mat()` reads whole numbers without a
-    decimal point as other numbers (opencv-python's issue 1078)."""
-    node = storage.getNode(name)
-    data = node.getNode("data") if node.isMap() else node
-    items = [data.at(place) for place in range(data.size())] if data.isSeq() else []
-    if not data.isSeq() or not all(item.isInt() or item.isReal() for item in items):
-        raise InputError(f"{path}: {name}: missing or not a matrix of numbers")
-    numbers = np.array([item.real() for item in items], dtype=np.float64)
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{path}: {name}: holds what is no number; calibrate again")
-    return numbers
-
-
-def _given(node: cv2.FileNode) -> bool:
-    return bool(node.isInt() and node.real())
-
-
-def _is_camera(matrix: Array) -> bool:
-    """Whether a matrix (3, 3) has focal lengths above 0 and no skew, which OpenCV ignores."""
-    shape = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 1]])
-    return bool(min(matrix[0, 0], matrix[1, 1]) > 0 and not matrix[shape == 0].any()
-                and matrix[2, 2] == 1)  # fmt: skip

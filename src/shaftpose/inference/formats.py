@@ -1,4 +1,4 @@
-"""What found shafts look like as lines of text: JSON lines, CSV, or BOP's table of results."""
+"""Formats of results: JSON lines, CSV, and the results table of BOP."""
 
 import csv
 import io
@@ -14,30 +14,30 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose, unsigned_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Origin
+from shaftpose.inference.frames import FrameId
 
 CSV_COLUMNS = (
     "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
     "axis_y_px", *POSE_DIMENSIONS, "metric", "track",
 )  # fmt: skip
 BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
-_SHAFT, _UNKNOWN_TIME = 1, -1  # BOP's number of our object, and its word for no time
+_SHAFT, _UNKNOWN_TIME = 1, -1  # our object's number, and BOP's value for an unknown time
 
 
 @dataclass(frozen=True)
 class Format:
-    """How results are written.
+    """A text format of results.
 
-    suffix: of a file with them. header: lines before the first. lines: those of a frame, each with
-    its line feed; raises InputError if the format cannot hold the frame.
+    suffix: of a results file. header: text at its beginning. lines: text for the shafts of a frame,
+    each line with its line feed; raises InputError if the format cannot represent the frame.
     """
 
     suffix: str
     header: str
-    lines: Callable[[Origin, Sequence[FoundShaft]], str]
+    lines: Callable[[FrameId, Sequence[FoundShaft]], str]
 
 
-def json_line(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
+def json_line(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     """One line for the frame, with all its shafts."""
     found = [as_row(shaft) for shaft in shafts]
     return json.dumps({"image": frame.source, "frame": frame.number, "instruments": found}) + "\n"
@@ -66,7 +66,7 @@ def _named(values: np.ndarray) -> dict[str, float]:
     return {name: round(float(v), 3) for name, v in zip(POSE_DIMENSIONS, values, strict=True)}
 
 
-def csv_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
+def csv_lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft."""
     return _table(
         [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
@@ -77,17 +77,17 @@ def csv_lines(frame: Origin, shafts: Sequence[FoundShaft]) -> str:
 
 
 class BopLines:
-    """The lines of one run in BOP's form."""
+    """Lines of BOP's table for one run, which may hold a scene only once."""
 
     def __init__(self) -> None:
-        self._owners: dict[int, str] = {}  # by scene: its folder or video; images would be too many
+        self._owners: dict[int, str] = {}  # scene -> its folder or video
 
-    def __call__(self, frame: Origin, shafts: Sequence[FoundShaft]) -> str:
-        """One line for each shaft: scene and image number, object 1, score, rotation by rows and
-        translation in mm, from the shaft's frame to the camera's.
+    def __call__(self, frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
+        """One line for each shaft: scene number, image number, object 1, score, then rotation (row
+        by row) and translation (mm) from the shaft's frame to the camera's.
 
-        Raises InputError if the image file's name is not its number in a scene, or the scene is
-        that of another folder or video.
+        Raises InputError if the image file's name is not a number, or another folder or video of
+        this run has the same scene number.
         """
         scene, image = _bop_numbers(frame)
         owner = frame.source if frame.fps is not None else str(Path(frame.source).absolute().parent)
@@ -104,7 +104,7 @@ class BopLines:
         )  # fmt: skip
 
 
-def _bop_numbers(frame: Origin) -> tuple[int, int]:
+def _bop_numbers(frame: FrameId) -> tuple[int, int]:
     """Scene and image; BOP's datasets hold SCENE/rgb/IMAGE.png. A video is scene 1."""
     if frame.fps is not None:
         return 1, frame.number

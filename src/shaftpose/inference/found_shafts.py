@@ -1,18 +1,15 @@
-"""A shaft that was found in a frame, in pixels of that frame."""
+"""A shaft found in a frame, in pixels of that frame."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.inference.views import View
 
-Array = NDArray[np.float64]
-
-AXIS_MM = 10.0
-_LEAST_DEPTH_MM = 1.0  # a point behind the camera has no image
-# Points on the sides of the unit square: a lens bends those of a box.
+AXIS_MM = 10.0  # drawn length of an axis
+_LEAST_DEPTH_MM = 1.0  # points behind the camera have no image
+# Points on the sides of the unit square: a lens bends the sides of a box.
 _ALONG = [(along, end) for along in np.linspace(0, 1, 9) for end in (0, 1)]
 _AROUND = np.array(_ALONG + [(end, along) for along, end in _ALONG])
 
@@ -22,10 +19,10 @@ class FoundShaft:
     """A shaft in a frame.
 
     score: in [0, 1]. box: (4,) x0, y0, x1, y1, clipped to the frame. axis_px: (2, 2), the tip and
-    the point of the axis 10 mm behind it, or nearer where that would halve the depth; both may lie
-    outside the frame. pose: mm and deg. metric: whether the pose's millimetres are those of the
-    user's camera and shaft. deviations: (5,) standard deviations of a fitted pose, mm and deg.
-    track: its number in the video, if shafts are tracked.
+    the point of the axis 10 mm towards the handle, or less where the depth would fall below half;
+    both may lie outside the frame. metric: whether the pose's millimetres hold for the user's
+    camera and shaft. deviations: (5,) standard deviations of a fitted pose, mm and deg. track: the
+    shaft's number in the video, if shafts are tracked.
     """
 
     score: float
@@ -43,20 +40,20 @@ class FoundShaft:
 
 
 def axis_points(pose: ShaftPose) -> Array:
-    """The tip and a point of the axis behind it, (2, 3) in mm."""
+    """The tip and the second point of `FoundShaft.axis_px`, (2, 3) in mm."""
     tip, axis = pose.tip_mm, pose.direction
     tip[2] = max(tip[2], _LEAST_DEPTH_MM)
-    approach = -axis[2]  # of the camera's plane, by mm
+    approach = -axis[2]  # to the camera's plane, per mm
     length = min(AXIS_MM, tip[2] / (2 * approach)) if approach > 0 else AXIS_MM
     return np.stack([tip, tip + length * axis])
 
 
 def axis_px(pose: ShaftPose, model: Camera, view: View) -> Array:
-    """The images (2, 2) of `axis_points` in a frame."""
+    """Project `axis_points` into a frame, (2, 2) px."""
     return view.image_px(model.project(axis_points(pose)))
 
 
 def box_px(box: Array, view: View, width: int, height: int) -> Array:
-    """The extent (4,) in a frame of a box (4,) of the model's image, clipped to the frame."""
+    """The bounding box (4,) in a frame of a box (4,) in the model's image, clipped to the frame."""
     outline = np.clip(view.image_px(box[:2] + _AROUND * (box[2:] - box[:2])), 0, [width, height])
     return np.concatenate([outline.min(axis=0), outline.max(axis=0)])

@@ -11,16 +11,14 @@ from threading import Lock
 from uuid import uuid4
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.bundled import checksum
-from shaftpose.inference.finder_options import FinderOptions
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frame_cameras import Warn
-from shaftpose.inference.frames import Source
-from shaftpose.inference.image_files import EmptyFolder, ImageFile
-from shaftpose.inference.model_files import model_file
+from shaftpose.inference.frames import EmptyFolder, ImageFile, Source
+from shaftpose.inference.loading import FinderOptions
+from shaftpose.inference.model_files import checksum, model_file
 from shaftpose.inference.prediction_run import for_each_frame
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.software import Versions, differences, versions
+from shaftpose.inference.views import Warn
 
 _IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
 _LOADING = Lock()  # a worker may have several threads

@@ -1,4 +1,4 @@
-"""Where a model's edge reader finds the outline of a shaft in an image."""
+"""Edges of a shaft in an image, found by a model's edge reader."""
 
 import numpy as np
 import onnxruntime
@@ -9,16 +9,16 @@ from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS, outline
 from shaftpose.refinement.edges import Offsets
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
-_LEAST_ERROR = 0.05  # columns: errors that the reader states are never smaller
-# Measured (docs/beyond.md): where a reader is unsure of an edge, it states less than its offset.
+_LEAST_ERROR = 0.05  # columns: lower bound of the errors that the reader states
+# Measured (docs/beyond.md): the reader underestimates the offsets of uncertain edges.
 _CAUTION = 1.25
 
 
 class LearnedEdges:
-    """A model's edge reader (`network.dense.edge_reader`), as an ONNX model in bytes.
+    """A model's edge reader (`network.dense.edge_reader`), from an ONNX model in bytes.
 
-    Raises onnxruntime's exceptions if the bytes are no model, and ValueError
-    if they are another one.
+    Raises onnxruntime's exceptions if the bytes are not a model, and ValueError if the model is not
+    an edge reader.
     """
 
     def __init__(self, network: bytes) -> None:
@@ -33,8 +33,8 @@ class LearnedEdges:
             raise ValueError(f"an edge reader takes {takes} and gives {gives}")
 
     def read(self, colours: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-        """Strips (P, ROWS, COLUMNS, 3) in [-1, 1] -> offsets in columns and the logarithms of their
-        mean errors, (P, ROWS) each."""
+        """Offsets, in columns, and the logarithms of their mean errors, (P, ROWS) each, of strips
+        (P, ROWS, COLUMNS, 3) in [-1, 1]."""
         strips = np.ascontiguousarray(colours.transpose(0, 3, 1, 2))
         return list(self._session.run(OUTPUTS, {STRIPS: strips}))
 

@@ -1,4 +1,4 @@
-"""Cameras and streams as a source of frames: whoever is slower than the camera skips frames."""
+"""Cameras and streams as sources of frames. A slow prediction skips frames."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
 from shaftpose.inference.video_files import frame_rate, opencv_takes
 
-_PATIENCE_S = 2.0  # for a read that blocks when the stream is closed
+_PATIENCE_S = 2.0  # for a blocking read when the stream is closed
 
 
 class Capture(Protocol):
@@ -25,11 +25,11 @@ class Capture(Protocol):
 
 
 class NewestFrames:
-    """Reads a capture in a thread and keeps only its newest frame, so that memory does not grow and
-    a slow reader is never behind.
+    """Reads a capture in a thread and keeps only its newest frame: memory does not grow, and a slow
+    reader never lags behind.
 
-    Iterating yields the number of a frame, from 0, and its pixels as the capture has them; it ends
-    when the capture does. The thread releases the capture.
+    Iterating yields the number of each frame, from 0, and its pixels as the capture gives them,
+    until the capture ends. The thread releases the capture.
     """
 
     def __init__(self, capture: Capture) -> None:
@@ -77,9 +77,9 @@ class NewestFrames:
 
 @dataclass(frozen=True)
 class LiveStream:
-    """A camera by its index, or a stream by its URL: a `Source` of the newest frames.
+    """A camera, by its index, or a stream, by its URL: a `Source` of the newest frames.
 
-    A frame's number counts the skipped ones, too.
+    The numbers of frames count skipped ones, too.
     """
 
     address: int | str
@@ -88,8 +88,8 @@ class LiveStream:
     def frames(self) -> Iterator[Frame]:
         """Frames until the stream ends.
 
-        Raises InputError naming it if it shows nothing, or if it is a camera, which does not end by
-        itself.
+        Raises InputError naming the source if it gives no frame, or if it is a camera and ends: its
+        connection is lost.
         """
         address = self.address
         if isinstance(address, str) and not opencv_takes(address):

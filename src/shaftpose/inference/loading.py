@@ -1,25 +1,19 @@
-"""A model made ready for a user's frames."""
+"""Models loaded for a user's frames."""
 
 import logging
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.bundled import DEFAULT
-from shaftpose.inference.frame_cameras import (
-    Views,
-    Warn,
-    calibrated,
-    known_camera,
-    stated_view,
-    unknown_camera,
-)
-from shaftpose.inference.model_files import model_file
+from shaftpose.inference.calibration_files import calibrated, stated_view
+from shaftpose.inference.model_files import DEFAULT, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
+from shaftpose.inference.views import Views, Warn, known_camera, unknown_camera
 from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)
@@ -36,21 +30,22 @@ def load(
     backend: Backend = "onnxruntime",
     warn: Warn = log.warning,
 ) -> ShaftFinder:
-    """A finder of shafts in frames (H, W, 3) uint8 RGB of any size, with the options of
-    `shaftpose predict`; `warn` is told what is unknown about camera and shafts.
+    """Load a model that finds shafts in frames (H, W, 3) uint8 RGB of any size, with the options of
+    `shaftpose predict`.
 
-    model: see `model_file`; None: the package's own. camera: OpenCV's calibration file; view_deg:
-    instead, the angle across a frame's central square, without distortion. diameter_mm: of the
-    shafts. score: the least of a detection; None: the model's own threshold. refine: see
-    `settings.choices`. backend: the program that runs the model.
-    Raises InputError naming the file or the option if one cannot be used.
+    model: see `model_file`; None: the default bundled model. camera: OpenCV's calibration file.
+    view_deg: instead of `camera`, the angle across a frame's central square, without distortion.
+    diameter_mm: of the shafts. score: least score of a detection; None: the model's own threshold.
+    refine: see `settings.choices`. backend: the program that runs the model. warn: gets a warning
+    if the camera or the shafts are unknown, and later ones about frames.
+    Raises InputError naming the file or the option that cannot be used.
     """
     _check(camera, view_deg, diameter_mm, score)
     _check_choice("refine", refine, get_args(Refinement))
     _check_choice("backend", backend, get_args(Backend))
     with model_file(None if model is None else str(model)) as path:
         predictor = Predictor(path, refine, backend)
-    if predictor.facts.distorted and (camera is not None or view_deg is not None):
+    if predictor.metadata.distorted and (camera is not None or view_deg is not None):
         raise InputError(
             f"{model or DEFAULT}: was trained with lens distortion, which no other camera's frames "
             "can be given: leave out --camera and --view-deg"
@@ -69,7 +64,7 @@ def _check(
     diameter_mm: float | None,
     score: float | None,
 ) -> None:
-    """Raise InputError unless the options have values that mean something."""
+    """Raise InputError if an option has a meaningless value."""
     if camera is not None and view_deg is not None:
         raise InputError(f"camera {camera} and view_deg {view_deg:g}: give one of them")
     if view_deg is not None and not 0 < view_deg < 180:
@@ -86,8 +81,8 @@ def _check_choice(option: str, value: str, choices: Sequence[str]) -> None:
 
 
 def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool) -> list[str]:
-    """What the user has to state before millimetres are right, as sentences."""
-    facts, unknown = predictor.facts, []
+    """Sentences about what the user has to state before millimetres are metric."""
+    facts, unknown = predictor.metadata, []
     if facts.distorted:
         unknown.append(
             "The model was trained with lens distortion: its poses hold for that lens alone, "
@@ -116,3 +111,20 @@ def _views(
     if view_deg is not None:
         return known_camera(stated_view(view_deg), predictor.camera, warn)
     return unknown_camera(predictor.camera)
+
+
+@dataclass(frozen=True)
+class FinderOptions:
+    """Arguments of `load`, which can be sent to another process."""
+
+    model: str | None
+    camera: Path | None
+    view_deg: float | None
+    diameter_mm: float | None
+    score: float | None
+    refine: Refinement
+    backend: Backend
+
+    def finder(self, warn: Warn) -> ShaftFinder:
+        """A finder with these options; see `load`."""
+        return load(**asdict(self), warn=warn)

@@ -1,22 +1,57 @@
-"""The model that `--model` names."""
+"""Model files: the bundled ones, the one that `--model` names, and the metadata in them."""
 
-from collections.abc import Iterator
+import base64
+import hashlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.resources import files
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.bundled import DEFAULT, bundled_model, bundled_names
 
-REGISTRY = "mlflow:/"  # the beginning of a name in a model registry
+FOLDER = Path(str(files("shaftpose"))) / "models"
+DEFAULT = "shaftpose"  # the bundled model that is used if no model is named
+CHECKSUM_SUFFIX, CARD_SUFFIX = ".onnx.sha256", ".md"
+
+_REMEDY = "reinstall the package, or name another model"
+
+
+def bundled_names() -> list[str]:
+    """The names of the bundled models, the default one first."""
+    names = {path.stem for path in FOLDER.glob("*.onnx")} - {DEFAULT}
+    return [DEFAULT, *sorted(names)]
+
+
+def bundled_model(name: str = DEFAULT) -> Path:
+    """The file of a bundled model, whose SHA-256 has been checked.
+
+    Raises InputError naming the file if it is missing or damaged.
+    """
+    model, recorded = FOLDER / f"{name}.onnx", FOLDER / f"{name}{CHECKSUM_SUFFIX}"
+    for path in (model, recorded):
+        if not path.is_file():
+            raise InputError(f"{path}: missing; {_REMEDY}")
+    if recorded.read_bytes() != checksum(model):
+        raise InputError(f"{model}: damaged, its SHA-256 differs from {recorded.name}; {_REMEDY}")
+    return model
+
+
+def checksum(model: Path) -> bytes:
+    """The line that `sha256sum` prints for a file when run in its folder."""
+    return f"{hashlib.sha256(model.read_bytes()).hexdigest()}  {model.name}\n".encode()
+
+
+REGISTRY = "mlflow:/"  # prefix of names in a model registry
 
 
 @contextmanager
 def model_file(name: str | None) -> Iterator[Path]:
-    """The ONNX file of a model, as long as the block lasts.
+    """The ONNX file of a model, which exists until the block ends.
 
-    name: of a bundled model; a path; `mlflow:/NAME@ALIAS` or `mlflow:/NAME/VERSION` of a model
-    registry; None for the default bundled model. A path is not checked. Raises InputError if a
-    registry's model cannot be had.
+    name: a bundled model; a path, which is not checked; `mlflow:/NAME@ALIAS` or
+    `mlflow:/NAME/VERSION` in a model registry; None for the default bundled model. Raises
+    InputError if a bundled model is damaged or a registry's model cannot be downloaded.
     """
     if name is None or name in bundled_names():
         yield bundled_model(name or DEFAULT)
@@ -31,3 +66,48 @@ def model_file(name: str | None) -> Iterator[Path]:
             yield path
     else:
         yield Path(name)
+
+
+@dataclass(frozen=True)
+class ModelMetadata:
+    """The metadata of a model file: confidence thresholds, the camera and the shaft that the model
+    was trained for, without which its millimetres are meaningless, and its edge reader.
+
+    confidence: threshold for the network's scores. fit_confidence: threshold for the scores of
+    fitted poses, which also depend on the mask; None if poses cannot be fitted. Both were chosen on
+    validation images. view_deg: of the camera; the default is the paper's. shaft_*: None for an
+    instrument from a CAD file. distorted: whether the camera had lens distortion. edge_reader: a
+    second ONNX model in bytes, see `inference.learned_edges`; None for a network without one.
+    """
+
+    confidence: float | None = None
+    view_deg: float = 95.0
+    shaft_diameter_mm: float | None = None
+    shaft_length_mm: float | None = None
+    shaft_tip: str | None = None
+    distorted: bool = False
+    fit_confidence: float | None = None
+    edge_reader: bytes | None = None
+
+    def as_text(self) -> dict[str, str]:
+        """Name -> value of all that is not None; bytes in base 64."""
+        return {
+            name: base64.b64encode(value).decode() if isinstance(value, bytes) else str(value)
+            for name, value in asdict(self).items()
+            if value is not None
+        }
+
+    @classmethod
+    def from_text(cls, stated: Mapping[str, str]) -> "ModelMetadata":
+        """Read the metadata of a file; other keys are ignored.
+
+        Raises ValueError if a value is not a number, or bytes are not in base 64.
+        """
+        numbers = (
+            "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm"
+        )  # fmt: skip
+        known = {name: float(stated[name]) for name in numbers if name in stated}
+        tip, distorted = stated.get("shaft_tip"), stated.get("distorted") == str(True)
+        text = stated.get("edge_reader")
+        reader = None if text is None else base64.b64decode(text, validate=True)
+        return cls(**known, shaft_tip=tip, distorted=distorted, edge_reader=reader)

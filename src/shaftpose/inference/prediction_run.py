@@ -1,30 +1,64 @@
-"""A whole prediction: all frames of all sources, whatever happens to some of them."""
+"""A prediction run: the sources that the user names, the loop over their frames, the outputs."""
 
-from collections.abc import Callable, Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.frames import Origin
-from shaftpose.inference.unwritable import UnwritableError
+from shaftpose.inference.annotated_files import annotated_files
+from shaftpose.inference.formats import Format
+from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.frames import Frame, FrameId, ImageFile, Source, images_of, is_image
+from shaftpose.inference.live_streams import LiveStream
+from shaftpose.inference.result_stream import UnwritableError, result_stream
+from shaftpose.inference.video_files import VideoFile
 
-F = TypeVar("F", bound=Origin)
-F_co = TypeVar("F_co", bound=Origin, covariant=True)
+# Writes a frame with its shafts.
+Write = Callable[[Frame, Sequence[FoundShaft]], None]
+F = TypeVar("F", bound=FrameId)
+F_co = TypeVar("F_co", bound=FrameId, covariant=True)
+
+
+def sources(names: Iterable[str], lines: Iterable[str]) -> Iterator[Source]:
+    """The sources with these names, in order; `-` stands for the names on `lines`, which are read
+    one at a time."""
+    for name in names:
+        if name == "-":
+            for line in lines:
+                if written := line.rstrip("\r\n"):
+                    yield from _named(written)
+        else:
+            yield from _named(name)
+
+
+def _named(name: str) -> Iterable[Source]:
+    """A whole number is a camera, a name with `://` a stream; all others are paths."""
+    if name.isdecimal():
+        return [LiveStream(int(name))]
+    if "://" in name:
+        return [LiveStream(name)]
+    path = Path(name)
+    if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
+        return images_of(path)
+    return [ImageFile(path) if is_image(path) else VideoFile(path)]
 
 
 class FramesOf(Protocol[F_co]):
-    """The part of a `Source` that a prediction needs, for frames of any type."""
+    """The part of a `Source` that the loop needs, for frames of any type."""
 
     def frames(self) -> Iterator[F_co]:
-        """The frames in their order. Raises InputError naming the source if it cannot be read."""
+        """The frames in order. Raises InputError naming the source if it cannot be read."""
 
 
 def for_each_frame(
     sources: Iterable[FramesOf[F]], work: Callable[[F], None], report: Callable[[str], None]
 ) -> int:
-    """Do the work for all frames of all sources; returns how many sources failed.
+    """Do the work for all frames of all sources. Returns the number of sources that failed.
 
-    A source that cannot be read, or whose frame the work refuses by an InputError, is reported, and
-    the next one follows. Raises UnwritableError from the work.
+    A source fails if it cannot be read or the work raises an InputError for one of its frames. It
+    is reported, and the next source follows. An UnwritableError of the work ends the run.
     """
     failed = 0
     for source in sources:
@@ -46,3 +80,30 @@ def _do(work: Callable[[F], None], frame: F) -> None:
         raise
     except InputError as error:
         raise InputError(f"{frame.source}: {error}") from error
+
+
+@contextmanager
+def outputs(
+    folder: Path | None,
+    style: Format,
+    drawings: Path | None,
+    recording: AbstractContextManager[Write] | None,
+) -> Iterator[Write]:
+    """Open all outputs. The result writes a frame's shafts to a file in `folder`, or to standard
+    output if that is None, draws them into the folder `drawings`, if any, and adds them to the
+    recording, if any.
+
+    Raises UnwritableError naming a file that cannot be written; for a recording, only at the end.
+    """
+    with ExitStack() as stack:
+        parts: list[Write] = [stack.enter_context(result_stream(folder, style)).add]
+        if drawings is not None:
+            parts.append(stack.enter_context(annotated_files(drawings)).add)
+        if recording is not None:
+            parts.append(stack.enter_context(recording))
+
+        def write(frame: Frame, shafts: Sequence[FoundShaft]) -> None:
+            for add in parts:
+                add(frame, shafts)
+
+        yield write

@@ -11,9 +11,8 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.backends import open_network
-from shaftpose.inference.bundled import bundled_names
 from shaftpose.inference.learned_edges import LearnedEdges
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.inference.model_files import ModelMetadata, bundled_names
 from shaftpose.refinement.contour import Shaft
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.settings.choices import Backend, Refinement
@@ -22,11 +21,13 @@ _OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
 
 
 class Predictor:
-    """An ONNX file written by the export stage.
+    """Runs an ONNX file of the export stage, and the fit of its poses.
 
-    refine: what the poses of a model that predicts a mask are fitted to; backend: what runs it, but
-    for its edge reader, which onnxruntime runs. Raises InputError naming the file if it is missing
-    or is not such a model, or the backend if it is not installed.
+    refine: what poses are fitted to, if the model predicts a mask. backend: runs the model;
+    onnxruntime always runs its edge reader. refiner: None if poses are not fitted: without a mask,
+    for an instrument from a CAD file, for a distorting lens, or if `refine` is `none`.
+    Raises InputError naming the file if it is missing or not such a model, or naming the backend if
+    it is not installed.
     """
 
     def __init__(
@@ -43,10 +44,9 @@ class Predictor:
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
         try:
-            self.facts = ModelFacts.from_text(self._network.metadata)
+            self.metadata = ModelMetadata.from_text(self._network.metadata)
         except ValueError as error:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
-        # None for a model without a mask, an instrument of unknown diameter or a distorting lens.
         self.refiner = self._create_refiner(refine) if _MASK in names else None
 
     @property
@@ -56,12 +56,12 @@ class Predictor:
 
     @property
     def confidence(self) -> float:
-        """The threshold for the scores of this predictor, chosen on validation images.
+        """The confidence threshold for this predictor's scores, chosen on validation images.
 
         Raises InputError naming the file if it states none.
         """
-        facts = self.facts
-        threshold = facts.confidence if self.refiner is None else facts.fit_confidence
+        stated = self.metadata
+        threshold = stated.confidence if self.refiner is None else stated.fit_confidence
         if threshold is None:
             raise InputError(
                 f"{self._path}: holds no confidence threshold; export it again or set one"
@@ -76,27 +76,29 @@ class Predictor:
     @property
     def camera(self) -> Camera:
         """The camera that the model was trained for."""
-        return Camera.from_field_of_view(self.side_px, self.side_px, self.facts.view_deg)
+        return Camera.from_field_of_view(self.side_px, self.side_px, self.metadata.view_deg)
 
     def __call__(
         self, images: NDArray[np.uint8], fine: Sequence[NDArray[np.uint8] | None] | None = None
     ) -> list[Detections]:
-        """The detections in each of the images (N, 299, 299, 3) uint8 RGB, best score first.
+        """The detections in each of the images (N, S, S, 3) uint8 RGB, best score first; S is
+        `side_px`.
 
-        fine: the same images in more pixels, (k 299, k 299, 3), for the fit, where there are any.
-        Raises InputError naming the file and the image if an output is NaN or infinite.
+        fine: the same images in more pixels, (k S, k S, 3), or None where there are none, for the
+        fit. Raises InputError naming the file and the image if an output is NaN or infinite.
         """
         boxes, scores, poses, *masks = self._network.run(self._network.outputs, images)
         found = list(self._unpadded(boxes, scores, poses))
         if self.refiner is None:
             return found
         finer = fine or [None] * len(images)
-        several = zip(images, self._finite(*masks), found, finer, strict=True)
-        return [self.refiner(*each) for each in several]
+        inputs = zip(images, self._finite(*masks), found, finer, strict=True)
+        return [self.refiner(*each) for each in inputs]
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The probability of a shaft (N, 299, 299) in images (N, 299, 299, 3) uint8 RGB, by a model
-        that predicts it. Raises InputError naming the file and the image if it is not finite."""
+        """The masks (N, S, S), probabilities of a shaft, of images (N, S, S, 3) uint8 RGB, from a
+        model that predicts them. Raises InputError naming the file and the image if one is not
+        finite."""
         return self._finite(*self._network.run([_MASK], images))
 
     def _finite(self, masks: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -115,14 +117,14 @@ class Predictor:
                 raise InputError(f"{self._path}: image {number} of a batch: {error}") from error
 
     def _create_refiner(self, refine: Refinement) -> Refiner | None:
-        diameter_mm, length_mm = self.facts.shaft_diameter_mm, self.facts.shaft_length_mm
-        if diameter_mm is None or length_mm is None or self.facts.distorted or refine == "none":
+        diameter_mm, length_mm = self.metadata.shaft_diameter_mm, self.metadata.shaft_length_mm
+        if diameter_mm is None or length_mm is None or self.metadata.distorted or refine == "none":
             return None
-        shaft = Shaft(diameter_mm, length_mm, flat_tip=self.facts.shaft_tip == "flat")
+        shaft = Shaft(diameter_mm, length_mm, flat_tip=self.metadata.shaft_tip == "flat")
         return Refiner(shaft, self.camera, self._edges() if refine == "edges" else None)
 
     def _edges(self) -> LearnedEdges:
-        reader = self.facts.edge_reader
+        reader = self.metadata.edge_reader
         if reader is None:
             raise InputError(
                 f"{self._path}: holds no edge reader: export it again, or fit poses to its mask "
@@ -136,7 +138,7 @@ class Predictor:
     def frames_per_second(self, image: NDArray[np.uint8], repetitions: int = 30) -> float:
         """Images per second at batch size 1: median of `repetitions` calls after 3 warm-up calls.
 
-        image: (299, 299, 3) uint8 RGB.
+        image: (S, S, 3) uint8 RGB.
         """
         seconds = []
         for _ in range(repetitions + 3):
@@ -147,6 +149,6 @@ class Predictor:
 
 
 def raw_and_refined_predictors(path: Path, refine: Refinement) -> list[Predictor]:
-    """The model's network alone and, if its poses can be fitted, the model with the fit."""
+    """The model without the fit and, if its poses can be fitted, with it."""
     fitting = Predictor(path, refine)
     return [Predictor(path, "none"), *([fitting] if fitting.refiner else [])]

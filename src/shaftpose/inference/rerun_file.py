@@ -1,4 +1,4 @@
-"""Frames and found shafts as a recording for Rerun's viewer, in the camera's frame in mm."""
+"""A recording of frames and found shafts for Rerun's viewer, in the camera's frame in mm."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -8,18 +8,19 @@ from typing import Any
 import numpy as np
 import rerun
 
+from shaftpose.core.geometry import Array
 from shaftpose.core.images import Image
-from shaftpose.inference.drawing import shaft_text
-from shaftpose.inference.found_shafts import Array, FoundShaft, axis_points
+from shaftpose.inference.annotated_files import shaft_text
+from shaftpose.inference.found_shafts import FoundShaft, axis_points
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.outputs import Write
-from shaftpose.inference.unwritable import incomplete, naming_unwritable
+from shaftpose.inference.prediction_run import Write
+from shaftpose.inference.result_stream import incomplete, naming_unwritable
 
 _NAME, _TIMELINE = "predictions.rrd", "frame"
 _CAMERA, _IMAGE = "camera", "camera/image"
 _BOXES, _SHAFTS, _SOURCE = "camera/image/boxes", "shafts", "source"
 _JPEG_QUALITY = 90
-_END = bytes(16)  # the last message of a complete file: Rerun only logs that it could not write
+_END = bytes(16)  # of a complete file; Rerun only logs failures to write
 
 # The intrinsic matrix (3, 3) of a frame (H, W, 3).
 CameraMatrix = Callable[[Image], Array]
@@ -69,10 +70,10 @@ class RerunFile:
 def rerun_file(
     folder: Path, camera_matrix: CameraMatrix, diameter_mm: float | None
 ) -> Iterator[Write]:
-    """A function that appends a frame with its shafts to a new recording in a folder; see
+    """Open a new recording in a folder; the result appends a frame with its shafts, see
     `RerunFile`.
 
-    Raises UnwritableError naming the file if it cannot be created, is there already or, at the end,
+    Raises UnwritableError naming the file if it exists already, cannot be created or, at the end,
     is not complete.
     """
     path = folder / _NAME

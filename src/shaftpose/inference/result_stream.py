@@ -1,4 +1,4 @@
-"""Where results are written while they come: standard output, or a new file."""
+"""Results as text, and the errors of outputs that cannot be written."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -7,26 +7,57 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
+from shaftpose.core.errors import InputError
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Origin
-from shaftpose.inference.unwritable import naming_unwritable
+from shaftpose.inference.frames import FrameId
 
-_AS_NAMED = "surrogateescape"  # file names are bytes, not always of UTF-8
+
+class UnwritableError(InputError):
+    """An output cannot be written, which ends the run: all later results would be lost, too."""
+
+
+def incomplete(path: object) -> UnwritableError:
+    """The error of a file that lacks frames although its writer has reported no failure."""
+    return UnwritableError(
+        f"{path}: not complete; name another folder by --out, on a disk with room; the other "
+        "results are kept"
+    )
+
+
+@contextmanager
+def naming_unwritable(path: object) -> Iterator[None]:
+    """Turn an OSError into an UnwritableError naming the file. A BrokenPipeError is passed on: the
+    reader of the pipe needs no more results."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise UnwritableError(
+            f"{path}: cannot be written ({error.strerror}); name another folder by --out, on a "
+            "disk with room; earlier results are kept"
+        ) from error
+
+
+_AS_NAMED = "surrogateescape"  # file names may be bytes that are not UTF-8
 
 
 class ResultStream:
-    """Results as text; whoever reads along sees each frame at once. name: for errors."""
+    """Writes results as text and flushes after every frame.
+
+    name: of the file, for errors.
+    """
 
     def __init__(self, stream: TextIO, name: str, style: Format) -> None:
         self._stream, self._name, self._format = stream, name, style
         self._write(style.header)
 
-    def add(self, frame: Origin, shafts: Sequence[FoundShaft]) -> None:
-        """Write what was found in a frame.
+    def add(self, frame: FrameId, shafts: Sequence[FoundShaft]) -> None:
+        """Write the shafts of a frame.
 
-        Raises InputError if the format cannot hold the frame, UnwritableError if there is no room,
-        BrokenPipeError if the reader has gone.
+        Raises InputError if the format cannot represent the frame, UnwritableError if the disk is
+        full, BrokenPipeError if the reader has closed the pipe.
         """
         self._write(self._format.lines(frame, shafts))
 
@@ -38,9 +69,9 @@ class ResultStream:
 
 @contextmanager
 def result_stream(folder: Path | None, style: Format) -> Iterator[ResultStream]:
-    """A stream into a new `predictions` file of a folder, or to standard output if that is None.
+    """Open a new file `predictions` in a folder, or standard output if that is None.
 
-    Raises UnwritableError naming the file if it cannot be created or is there already.
+    Raises UnwritableError naming the file if it exists already or cannot be created.
     """
     if folder is None:
         if isinstance(sys.stdout, TextIOWrapper):

@@ -5,24 +5,23 @@ from dataclasses import replace
 import numpy as np
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
-from shaftpose.inference.found_shafts import Array, FoundShaft, axis_px, box_px
-from shaftpose.inference.frame_cameras import Views
+from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View
+from shaftpose.inference.views import View, Views
 from shaftpose.refinement.refiner import FittedDetections
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
-_STEP_PX = 0.01  # so near to the axis, no lens distorts
+_STEP_PX = 0.01  # this near to the optical axis, no lens distorts
 
 
 class ShaftFinder:
-    """A model for frames.
+    """Finds shafts in a user's frames.
 
-    views: of the user's frames. score: the least of a detection. diameter_mm: of the user's
-    shafts; None: as the model's. metric: whether camera and shaft are known. Raises InputError if
-    the model states no diameter from which to convert.
+    views: of the frames. score: least score of a detection. diameter_mm: of the user's shafts;
+    None: the model's. metric: whether camera and shaft are known. Raises InputError if
+    `diameter_mm` is given and the model states no diameter.
     """
 
     def __init__(
@@ -34,14 +33,14 @@ class ShaftFinder:
         metric: bool,
     ) -> None:
         self._predictor, self._views, self._score = predictor, views, score
-        self._scale = _scale(predictor.facts.shaft_diameter_mm, diameter_mm)
+        self._scale = _scale(predictor.metadata.shaft_diameter_mm, diameter_mm)
         self._metric = metric
-        self.diameter_mm = diameter_mm or predictor.facts.shaft_diameter_mm  # None: a CAD file's
+        self.diameter_mm = diameter_mm or predictor.metadata.shaft_diameter_mm  # None: a CAD file's
 
     def __call__(self, rgb: Image) -> list[FoundShaft]:
         """The shafts in a frame (H, W, 3) uint8 RGB, best score first.
 
-        Raises InputError if it is not a frame of the user's camera, or is too long.
+        Raises InputError if the frame does not fit the user's camera, or is too large.
         """
         height, width = rgb.shape[:2]
         if max(height, width) > _LONGEST_PX:
@@ -65,13 +64,13 @@ class ShaftFinder:
         ]
 
     def axis_px(self, pose: ShaftPose, rgb: Image) -> Array:
-        """The images (2, 2) of a pose's tip and axis in a frame (H, W, 3)."""
+        """Project a pose's tip and axis into a frame (H, W, 3): (2, 2) px, see `FoundShaft`."""
         height, width = rgb.shape[:2]
         return axis_px(pose, self._predictor.camera, self._views(width, height))
 
     def camera_matrix(self, rgb: Image) -> Array:
-        """The intrinsic matrix (3, 3) of a frame (H, W, 3), whose lens may distort it besides; that
-        of the model's camera if the frame's is unknown."""
+        """The intrinsic matrix (3, 3) of a frame (H, W, 3), without its lens distortion; from the
+        model's camera if the frame's is unknown."""
         model, (height, width) = self._predictor.camera, rgb.shape[:2]
         near = np.array([model.cx, model.cy]) + _STEP_PX * np.array([[0, 0], [1, 0], [0, 1]])
         centre, right, below = self._views(width, height).image_px(near)
@@ -84,7 +83,7 @@ class ShaftFinder:
         return FoundShaft(score, box, axis, pose, self._metric)
 
     def _scaled(self, pose: ShaftPose) -> ShaftPose:
-        """A scene that is larger in all its measures gives the same image."""
+        """Scale a pose to the user's shafts: a scene enlarged as a whole gives the same image."""
         x_mm, y_mm, z_mm = (float(value) for value in self._scale * pose.tip_mm)
         return replace(pose, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
 

@@ -1,4 +1,4 @@
-"""Predictions for lists of images, for export and evaluation."""
+"""Predictions for data sets, for export and evaluation."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice

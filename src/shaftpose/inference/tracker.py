@@ -5,31 +5,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
-from shaftpose.inference.found_shafts import Array, FoundShaft
+from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame
-from shaftpose.inference.pairing import nearest_pairs
 from shaftpose.inference.tracks import Measurement, Track
 
-# A shaft is the same one if its tip and axis are this near to where its track expects them.
+# A shaft continues a track if its tip and axis are this near to the predicted ones.
 _NEAR_DIAMETERS, _NEAR_DEG = 4.0, 45.0
-_LONGEST_GAP_S = 0.5  # without a detection; after it, a shaft is a new one
-# Standard deviations of poses that were not fitted, in diameters and deg: about the errors of the
-# bundled network alone.
+_LONGEST_GAP_S = 0.5  # without a detection, before a track ends
+# Standard deviations, in diameters and deg, of poses that were not fitted: about the errors of the
+# bundled network.
 _UNFITTED = np.array([0.3, 0.3, 0.6, 8.0, 6.0])
-_USUAL_MM = 3.0  # diameter of a shaft of unknown diameter
+_USUAL_MM = 3.0  # assumed if the diameter is unknown
 
-# The images (2, 2) of a pose's tip and axis in a frame.
+# Projects a pose's tip and axis into a frame, (2, 2) px.
 AxisPx = Callable[[ShaftPose, Image], Array]
 
 
-class Tracker:
-    """Numbers the shafts of each video or stream from 1 and smooths their poses with what earlier
-    frames showed.
+class ShaftTracker:
+    """Numbers the shafts of each video or stream from 1 and smooths their poses over time.
 
-    Deviations stay those of the single frame: errors of successive frames are alike, so that
-    smoothing removes less of them than the filter believes. axis_px: for drawing smoothed poses;
+    Deviations stay those of the single frame: errors of successive frames are correlated, so
+    smoothing reduces them less than the filter assumes. axis_px: projects smoothed poses.
     diameter_mm: of the shafts, None if unknown.
     """
 
@@ -39,13 +37,13 @@ class Tracker:
         self._last_s = 0.0  # time of the last frame
 
     def __call__(self, frame: Frame, shafts: Sequence[FoundShaft]) -> list[FoundShaft]:
-        """The shafts with numbers and smoothed poses; unchanged in an image file."""
+        """The shafts with numbers and smoothed poses; those of an image file are unchanged."""
         if frame.fps is None:
             return list(shafts)
         if frame.source != self._source or frame.number == 0:
             self._source, self._tracks, self._count = frame.source, [], 0
         time_s = frame.number / frame.fps
-        # However slow the frames are, a shaft of the last frame may still be the same.
+        # At low frame rates, too, a shaft of the last frame may be the same.
         since = min(time_s - _LONGEST_GAP_S, self._last_s)
         self._tracks, self._last_s = [t for t in self._tracks if t.time_s >= since], time_s
         seen = [self._measured(shaft) for shaft in shafts]
@@ -83,9 +81,25 @@ class Tracker:
 
 
 def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) -> dict[int, int]:
-    """For each of the seen shafts (6,: see `tip_and_axis`) whose tip is within `near_mm` of an
-    expected one's, with a similar axis, the number of that one; nearest tips first."""
+    """Match seen to expected shafts, (6,) each, see `tip_and_axis`: index of a seen shaft -> index
+    of the expected one.
+
+    Tips are at most `near_mm` apart, and axes are similar; the nearest tips are matched first.
+    """
     ones, others = (np.reshape(shafts, (-1, 6)) for shafts in (seen, expected))
     distances = np.linalg.norm(ones[:, None, :3] - others[None, :, :3], axis=2)
     distances[ones[:, 3:] @ others[:, 3:].T < np.cos(np.radians(_NEAR_DEG))] = np.inf
     return nearest_pairs(distances, near_mm)
+
+
+def nearest_pairs(distances: Array, most: float) -> dict[int, int]:
+    """Greedy one-to-one pairs of distances (N, M) up to `most`, nearest first: row -> column."""
+    near = np.argwhere(distances <= most)
+    order = np.argsort(distances[tuple(near.T)], kind="stable")
+    pairs: dict[int, int] = {}
+    taken: set[int] = set()
+    for row, column in near[order].tolist():
+        if row not in pairs and column not in taken:
+            pairs[row] = column
+            taken.add(column)
+    return pairs

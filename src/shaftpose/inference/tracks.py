@@ -1,16 +1,15 @@
-"""A shaft's motion, estimated from its poses in successive frames by a Kalman filter."""
+"""A Kalman filter for the motion of one shaft."""
 
 import numpy as np
 
-from shaftpose.core.geometry import ShaftPose, pose_along
-from shaftpose.inference.found_shafts import Array
+from shaftpose.core.geometry import Array, ShaftPose, pose_along
 
 # Power spectral densities of the accelerations that the filter expects: of the tip in mm^2 / s^3,
-# of the axis in rad^2 / s^3. Hands that work reach some 100 mm / s^2.
+# of the axis in rad^2 / s^3. Working hands reach some 100 mm / s^2.
 _TIP_DENSITY, _AXIS_DENSITY = 2000.0, 1.0
-# Standard deviations of a first velocity: mm / s, rad / s.
+# Standard deviations of the initial velocity: mm / s, rad / s.
 _FIRST_TIP_SPEED, _FIRST_AXIS_SPEED = 50.0, 1.0
-# Squared Mahalanobis distance above which a measurement counts less: such errors are no noise.
+# Squared Mahalanobis distance above which a measurement, probably an outlier, counts less.
 _FAR = 16.0
 _RADIAL = 1e-3  # standard deviation of the length of a measured axis; the length is 1
 
@@ -30,10 +29,10 @@ class Measurement:
 
 
 class Track:
-    """A shaft with constant velocity but for random accelerations.
+    """The state of one shaft, which moves at constant velocity except for random accelerations.
 
-    The state (12,) is the tip, the axis and their velocities; the axis keeps its length of 1, so
-    that no angle has a seam. time_s: of the last measurement.
+    The state (12,) consists of the tip, the axis and their velocities. The axis is a unit vector
+    rather than angles, which would jump at 360 deg. time_s: of the last measurement.
     """
 
     def __init__(self, number: int, first: Measurement, time_s: float) -> None:
@@ -45,12 +44,12 @@ class Track:
         self._covariance[6:, 6:] = np.diag(np.square(speeds))
 
     def predicted(self, time_s: float) -> Array:
-        """(6,) tip and axis at a time."""
+        """(6,) predicted tip and axis at a time."""
         state = self._state[:6] + (time_s - self.time_s) * self._state[6:]
         return np.concatenate([state[:3], state[3:] / np.linalg.norm(state[3:])])
 
     def update(self, seen: Measurement, time_s: float) -> None:
-        """Take a later measurement into account."""
+        """Predict to the time of a measurement, and correct the state by it."""
         self._advance(time_s)
         prior = self._covariance[:6, :6]
         error = seen.values - self._state[:6]

@@ -10,11 +10,10 @@ import cv2
 from shaftpose.core.errors import InputError
 from shaftpose.inference.frames import Frame, from_bgr
 
-_USUAL_FPS = 25.0  # where a file or a device does not tell
-# OpenCV may give the ticks of a container or a stream, 1,000 or 90,000 a second, for frames.
+_USUAL_FPS = 25.0  # assumed if a file or a device states none
+# OpenCV may report the time base of a container or a stream, such as 1,000 or 90,000 per second.
 _LEAST_FPS, _MOST_FPS = 1.0, 240.0
-# The length that a header states may be an estimate.
-_LEAST_SHARE = 0.9
+_LEAST_SHARE = 0.9  # of the header's number of frames, which may be an estimate
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class VideoFile:
         return stated_length(cv2.VideoCapture(self.name)) if opencv_takes(self.name) else None
 
     def frames(self) -> Iterator[Frame]:
-        """All frames. Raises InputError naming the file if it is no video or ends early."""
+        """All frames. Raises InputError naming the file if it is not a video or ends early."""
         if not os.path.isfile(self.path):
             raise InputError(
                 f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
@@ -57,7 +56,7 @@ class VideoFile:
 
 
 def opencv_takes(name: str) -> bool:
-    """Whether a name is UTF-8: at others, OpenCV's video functions crash the process."""
+    """Whether a name is UTF-8. Others crash the process inside OpenCV's video functions."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -72,6 +71,6 @@ def stated_length(capture: cv2.VideoCapture) -> int | None:
 
 
 def frame_rate(capture: cv2.VideoCapture) -> float:
-    """Frames per second of a video or device, a usual value if it tells none."""
+    """Frames per second of a video or device; a usual value if it states none."""
     fps = float(capture.get(cv2.CAP_PROP_FPS))
     return fps if _LEAST_FPS <= fps <= _MOST_FPS else _USUAL_FPS

@@ -7,10 +7,15 @@ from pathlib import Path
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.export.onnx_export import store_facts
-from shaftpose.inference import bundled
-from shaftpose.inference.bundled import DEFAULT, bundled_model, bundled_names, checksum
-from shaftpose.inference.model_facts import ModelFacts
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference import model_files
+from shaftpose.inference.model_files import (
+    DEFAULT,
+    ModelMetadata,
+    bundled_model,
+    bundled_names,
+    checksum,
+)
 from shaftpose.inference.predictor import Predictor
 from studies.model_frames import complaints
 
@@ -26,7 +31,7 @@ def folder(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     folder.mkdir()
     shutil.copy(constant_model, folder / MODEL)
     (folder / CHECKSUM).write_bytes(checksum(folder / MODEL))
-    monkeypatch.setattr(bundled, "FOLDER", folder)
+    monkeypatch.setattr(model_files, "FOLDER", folder)
     return folder
 
 
@@ -46,7 +51,7 @@ def test_a_missing_file_is_named_with_the_remedy(folder: Path, name: str) -> Non
 
 
 def test_damage_is_found_where_the_file_still_loads(folder: Path) -> None:
-    store_facts(folder / MODEL, ModelFacts(0.75, 95.0, 3.0))
+    store_metadata(folder / MODEL, ModelMetadata(0.75, 95.0, 3.0))
     assert Predictor(folder / MODEL).confidence == 0.75
     with pytest.raises(InputError, match=rf"/{MODEL}: damaged.*; reinstall the package"):
         bundled_model()
@@ -61,7 +66,7 @@ def test_the_checksum_is_that_of_sha256sum(tmp_path: Path) -> None:
 def test_wheels_hold_the_model() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "models/*" in settings["tool"]["setuptools"]["package-data"]["shaftpose"]
-    assert ROOT / "src/shaftpose/models" == bundled.FOLDER
+    assert ROOT / "src/shaftpose/models" == model_files.FOLDER
 
 
 @pytest.mark.parametrize("name", bundled_names())
