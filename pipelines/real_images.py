@@ -20,7 +20,7 @@ SCRATCH = Path("data/scratch")
 @stage
 def main(settings: Settings) -> None:
     """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
-    out, source, rendered = settings.out, settings.real_source, SCRATCH / "stand-in"
+    out, source, rendered = settings.out, settings.real.source, SCRATCH / "stand-in"
     with alone_in(out, SCRATCH):
         out.mkdir(parents=True, exist_ok=True)
         if source is None:

@@ -24,10 +24,10 @@ from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
 from shaftpose.network.ssd.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
 from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.pose_coding import PoseCoder
+from shaftpose.network.ssd.scaling import block_counts
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.report import report_tables
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.scaling import block_counts
 from shaftpose.settings.tree import VARIANTS, Settings, read_variant
 from studies.page_tables import rewrite, with_tables
 

@@ -35,7 +35,7 @@ def settings() -> RenderSettings:
     """The repository's own settings."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
-    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": 95}, "params.yaml")
+    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": 95}, "params.yaml: ")
 
 
 def silhouettes(poses: Sequence[ShaftPose], camera: Camera = CAMERA) -> list[NDArray[np.bool_]]:

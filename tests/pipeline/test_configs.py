@@ -45,23 +45,33 @@ def test_numbers_are_the_same_however_they_are_written() -> None:
     [
         ("render.device=gpu", "params.yaml: render.device = 'gpu': "),
         ("render.jpeg_quality=0", "params.yaml: render.jpeg_quality = 0: "),
-        ("scene.roughness=[0,2]", "params.yaml: scene.roughness = "),
-        ("real.stand_in.scene.roughness=[0,2]", "params.yaml: real.stand_in.scene.roughness = "),
-        ("~real.stand_in.lens", "params.yaml: real.stand_in = {'scene': "),
+        ("scene.roughness=[0,2]", "params.yaml: scene.roughness.1 = 2: "),
+        ("real.stand_in.lens.haze=[0,2]", "params.yaml: real.stand_in.lens.haze.1 = 2: "),
+        ("~real.stand_in.lens", "params.yaml: real.stand_in.lens is missing; add it"),
+        ("~training.compile", "params.yaml: training.compile is missing; add it"),
+        ("~report", "params.yaml: report is missing; add it"),
+        ("+colour=1", "params.yaml: colour = 1: unknown; remove it, or move it into its section"),
+        ("scene.jaws_probability=1 shaft.tip=forceps", "params.yaml: scene.jaws_probability = 1: "),
+        (
+            "preset=real scene.films=[0,2]",
+            "params.yaml or conf/preset/real.yaml: scene.films.1 = 2: ",
+        ),
+        ("shaft.length_mm=1 shaft.tip=forceps", "params.yaml: shaft: length_mm = 1 must be more"),
+        ("variant.noise=-1", "conf/variant/d.yaml: noise = -1: "),
         ("+tracking.url=http://127.0.0.1", "params.yaml: tracking.url = 'http://127.0.0.1': "),
         ("report.champion_margin=-1", "params.yaml: report.champion_margin = -1: "),
         ("camera.size_px=30", "params.yaml: camera.size_px = 30: "),
-        ("variants=d_noise", "params.yaml.variants = 'd_noise': "),
-        ("variants=[]", "params.yaml.variants = []: "),
+        ("variants=d_noise", "params.yaml: variants = 'd_noise': "),
+        ("variants=[]", "params.yaml: variants = []: "),
         ("variants=[c,d,c]", "params.yaml: variants: 'c': listed twice"),
         ("variants=[c,detector]", "params.yaml: variants: 'detector': learns no poses"),
-        ("profiles.smoke.depth=0.1", "conf/profiles.yaml: smoke: depth = 0.1 gives the three"),
-        ("profiles.smoke.width=0.1", "conf/profiles.yaml: smoke: width = 0.1 gives the first"),
+        ("profiles.smoke.depth=0.1", "conf/profiles.yaml: smoke.depth = 0.1: "),
+        ("profiles.smoke.width=0.1", "conf/profiles.yaml: smoke.width = 0.1: "),
     ],
 )
 def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> None:
     with pytest.raises(InputError) as caught:
-        settings_with("profile=smoke", override)
+        settings_with("profile=smoke", *override.split())
     assert str(caught.value).startswith(says)
 
 

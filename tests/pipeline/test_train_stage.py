@@ -10,7 +10,6 @@ from typing import Any
 import mlflow
 import pytest
 import torch
-import yaml
 from torch import nn
 
 from shaftpose.core.shards import shard_paths
@@ -93,9 +92,7 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(folder)
     assert noted["data"]["digest"] == rendered_digest()
     assert noted["data"]["mixed_in"] == {"domain": "real", "images": 2, "digest": real_digest()}
-    file = yaml.safe_load((ROOT / "conf/variant/d_noise_real.yaml").read_text())
-    settings = {key: value for key, value in file.items() if key != "title"}
-    assert noted["variant"] == settings | {"start": False}  # see SIZES
+    assert noted["variant"] == recipe_with(*SIZES, "variant=d_noise_real").variant_key()
     assert noted["data"]["start"] is None
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")

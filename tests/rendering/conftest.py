@@ -31,7 +31,7 @@ def settings() -> RenderSettings:
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
     quality = values["render"]["jpeg_quality"]
-    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": quality}, "params.yaml")
+    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": quality}, "params.yaml: ")
 
 
 @pytest.fixture(scope="session")

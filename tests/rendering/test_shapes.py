@@ -15,7 +15,7 @@ TIPS = ("flat", "chamfered", "rounded", "forceps")
 def shaft(**changed: object) -> ShaftSettings:
     values = {"diameter_mm": 4.0, "length_mm": 100.0, "tip": "flat", "bevel_mm": 1.0,
               "jaw_angle_deg": 30.0, "cad": None}  # fmt: skip
-    return parse(ShaftSettings, values | changed, "params.yaml: shaft")
+    return parse(ShaftSettings, values | changed, "params.yaml: shaft.")
 
 
 def solid(mesh: Mesh) -> trimesh.Trimesh:
@@ -97,7 +97,7 @@ def test_a_bevel_leaves_part_of_the_tip() -> None:
         with pytest.raises(InputError, match="bevel_mm = 2 must be less than half of") as caught:
             shaft(tip=tip, bevel_mm=2.0)
         assert "\n" not in str(caught.value)
-        assert str(caught.value).startswith("params.yaml: shaft")
+        assert str(caught.value).startswith("params.yaml: shaft: ")
     shaft(bevel_mm=2.0)  # not used
 
 

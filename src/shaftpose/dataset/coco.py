@@ -107,7 +107,7 @@ def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry
     files: set[Path] = set()
     for n, values in enumerate(images):
         where = f"{path}: images[{n}]"
-        entry = parse(_ImageEntry, values, where)
+        entry = parse(_ImageEntry, values, f"{where}.")
         if entry.id in entries:
             raise InputError(f"{where}.id = {entry.id}: another image has this id; change one")
         file = _file_of(entry.file_name, path.parent, f"{where}.file_name")
@@ -144,7 +144,7 @@ def _instruments(
 ) -> Iterator[tuple[_Annotation, CocoInstrument]]:
     for n, values in enumerate(annotations):
         where = f"{path}: annotations[{n}]"
-        annotation = parse(_Annotation, values, where)
+        annotation = parse(_Annotation, values, f"{where}.")
         if annotation.image_id not in entries:
             raise InputError(
                 f"{where}.image_id = {annotation.image_id}: no image has this id; "

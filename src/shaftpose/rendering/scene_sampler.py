@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.random_streams import Streams, streams
-from shaftpose.core.errors import InputError
 from shaftpose.rendering.part_samplers import (
     sample_camera,
     sample_coatings,

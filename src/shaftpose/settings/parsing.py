@@ -1,6 +1,7 @@
-"""Conversion of composed values to the dataclasses of `parts`, and of these to JSON."""
+"""Conversion of composed values to the dataclasses of `schema`, and of these to JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -9,45 +10,37 @@ from shaftpose.core.errors import InputError
 
 T = TypeVar("T")
 
-# Keys that files of older versions lack, with the values that preserve their meaning.
-_NEW_KEYS = {
-    "depth": "depth: 1.0",
-    "detector_steps": "detector_steps: 1000",  # used only where a variant starts from the detector
-    "optimizer": "optimizer: adam",
-    "start": "start: null",
-    "pose_loss": "pose_loss: true",
-    "symmetries": "symmetries: false",
-}
 
-
-def parse(kind: type[T], values: Mapping[str, Any], where: str) -> T:
+def parse(kind: type[T], values: object, where: str) -> T:
     """Parse `values` as a `kind`.
 
-    where: the location of the values, e.g. "params.yaml: loss"; error messages start with it.
+    where: what messages put before the names of keys, e.g. "params.yaml: ".
     Raises InputError naming the first wrong key, its value and the allowed ones.
     """
+    with first_complaint(where):
+        return TypeAdapter(kind).validate_python(values)
+
+
+@contextmanager
+def first_complaint(where: str) -> Iterator[None]:
+    """Turn pydantic's error into an InputError that names the first wrong key; see `parse`."""
     try:
-        return TypeAdapter(kind).validate_python(dict(as_mapping(values, where)))
+        yield
     except ValidationError as error:
-        raise InputError(_first_complaint(error, where)) from error
+        raise InputError(_described(error, where)) from error
 
 
-def as_mapping(values: object, where: str) -> Mapping[str, Any]:
-    """The values. Raises InputError naming their location if they are not keys and values."""
-    if not isinstance(values, Mapping):
-        raise InputError(f"{where} = {values!r}: must hold keys and values")
-    return values
-
-
-def _first_complaint(error: ValidationError, where: str) -> str:
+def _described(error: ValidationError, where: str) -> str:
     first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"{where}.{key} is missing; add {_NEW_KEYS.get(key, 'it')}"
+    key = where + ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
-    if not key:  # concerns several keys
-        return f"{where}: {message}"
-    return f"{where}.{key} = {first['input']!r}: {message}"
+    if first["type"] == "missing":
+        return f"{key} is missing; add it"
+    if first["type"] == "unexpected_keyword_argument":
+        message = "unknown; remove it, or move it into its section"
+    if first["type"] == "value_error" and not isinstance(first["input"], int | float | str | list):
+        return f"{key.rstrip('. :')}: {message}"  # concerns several keys
+    return f"{key.rstrip('. :')} = {first['input']!r}: {message}"
 
 
 def to_json(settings: object) -> str:

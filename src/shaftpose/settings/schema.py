@@ -24,67 +24,29 @@ def _spread(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-def _ascending_counts(pair: tuple[int, int]) -> tuple[int, int]:
-    _ascending(pair)
-    return pair
-
-
-def _fractions(pair: tuple[float, float]) -> tuple[float, float]:
-    if not 0 <= pair[0] <= pair[1] <= 1:
-        raise ValueError("both ends must lie in [0, 1], the lower one first")
-    return pair
-
-
-def _not_negative(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] < 0:
-        raise ValueError("the lower end must not be negative")
-    return pair
-
-
-def _colour_temperatures(pair: tuple[float, float]) -> tuple[float, float]:
-    if not 3000 <= pair[0] <= pair[1] <= 10000:
-        raise ValueError("both ends must lie in [3000, 10000] K, the lower one first")
-    return pair
-
-
-def _above_zero(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] <= 0:
-        raise ValueError("the lower end must lie above 0")
-    return pair
-
-
-def _qualities(pair: tuple[int, int]) -> tuple[int, int]:
-    if not 1 <= pair[0] <= pair[1] <= 100:
-        raise ValueError("both ends must lie in [1, 100], the lower one first")
-    return pair
-
-
-def _half_turn(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] < 0 or pair[1] > 180:
-        raise ValueError("both ends must lie in [0, 180] deg: other angles repeat the same shafts")
-    return pair
-
-
 def _one_turn(pair: tuple[float, float]) -> tuple[float, float]:
     if pair[1] - pair[0] > 360:
         raise ValueError("must span at most 360 deg: other angles repeat the same shafts")
     return pair
 
 
-Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
-NotNegativeRange = Annotated[Range, AfterValidator(_not_negative)]
-SpreadRange = Annotated[tuple[float, float], AfterValidator(_spread)]
-KelvinRange = Annotated[tuple[float, float], AfterValidator(_colour_temperatures)]
-UnitRange = Annotated[tuple[float, float], AfterValidator(_fractions)]
-QualityRange = Annotated[tuple[int, int], AfterValidator(_qualities)]
 Count = Annotated[int, Field(ge=0)]
 PositiveInt = Annotated[int, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-InstrumentCounts = Annotated[
-    tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0, le=8)]],
-    AfterValidator(_ascending_counts),
-]
+PositiveFraction = Annotated[float, Field(gt=0, le=1)]
+Share = Annotated[float, Field(gt=0, lt=1)]
+Quality = Annotated[int, Field(ge=1, le=100)]
+Kelvin = Annotated[float, Field(ge=3000, le=10000)]
+HalfTurn = Annotated[float, Field(ge=0, le=180)]  # other angles repeat the same shafts
+
+_Ascending, _Spread = AfterValidator(_ascending), AfterValidator(_spread)
+Range = Annotated[tuple[float, float], _Ascending]
+NotNegativeRange = Annotated[tuple[NotNegative, NotNegative], _Ascending]
+PositiveRange = Annotated[tuple[Positive, Positive], _Ascending]
+UnitRange = Annotated[tuple[Fraction, Fraction], _Ascending]
+SpreadRange = Annotated[tuple[float, float], _Spread]
 
 
 def _names_a_class(values: dict[str, Any]) -> dict[str, Any]:
@@ -99,7 +61,7 @@ Component = Annotated[dict[str, Any], AfterValidator(_names_a_class)]
 
 @dataclass(frozen=True, config=_STRICT)
 class CameraSettings:
-    """The endoscope: a square image of `size_px` and its field of view (paper, II)."""
+    """The endoscope: its square image and its field of view (paper, II)."""
 
     size_px: Annotated[int, Field(ge=32, le=4096)]
     view_deg: Annotated[float, Field(gt=0, lt=170)]
@@ -111,8 +73,8 @@ class PoseRanges:
 
     x_mm: SpreadRange
     y_mm: SpreadRange
-    z_mm: Annotated[SpreadRange, AfterValidator(_above_zero)]  # in front of the camera
-    pitch_deg: Annotated[SpreadRange, AfterValidator(_half_turn)]
+    z_mm: Annotated[tuple[Positive, Positive], _Spread]  # in front of the camera
+    pitch_deg: Annotated[tuple[HalfTurn, HalfTurn], _Spread]
     yaw_deg: Annotated[SpreadRange, AfterValidator(_one_turn)]
 
     @property
@@ -146,11 +108,7 @@ class CadSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class ShaftSettings:
-    """The instrument: a straight steel rod with one of four tips, or `cad` instead.
-
-    bevel_mm: width of the chamfer, or radius of the rounding, around the tip; jaw_angle_deg: angle
-    between the jaws of a forceps.
-    """
+    """The instrument: a straight steel rod with one of four tips, or `cad` instead."""
 
     diameter_mm: Positive
     length_mm: Positive
@@ -174,39 +132,29 @@ class ShaftSettings:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class SceneSettings:
-    """The random properties of a scene around the poses of one image.
+class SceneLook:
+    """Light and steel, in which the stand-in for real images differs from the training images."""
 
-    instruments: minimum and maximum number of shafts; lens_radius_mm: sphere around the camera that
-    no shaft cuts; min_visible_px: a shaft with fewer visible pixels is sampled again;
-    light_strength: radiant power of the scope's light in W; light_shape: two light guides next to
-    the lens or a ring around it; ambient: brightness of the background as reflected by the metal, 1
-    is as photographed; roughness: of the steel; scratches: strength of the normal map; anisotropy:
-    elongation of highlights, as on turned steel; films: share of a shaft's surface under blood or
-    clear fluid; coating_probability: chance that a shaft has a polymer coating; coating_grey: its
-    reflectance, uniform in the logarithm; coating_roughness: of its surface; jaws_probability:
-    chance that jaws, which are not annotated, extend from a shaft's tip; contact_shadow: how much
-    the shafts darken the background next to them;
-    occluder_probability: chance that tissue hides part of an image's shafts; occluder_coverage:
-    hidden share of each of these shafts; crossing_probability: chance of an extra shaft, annotated
-    like the others, that passes in front of one of them; crossing_coverage: largest share that it
-    hides of another shaft, always above 0.
-    """
-
-    instruments: InstrumentCounts
-    lens_radius_mm: Annotated[float, Field(ge=0)]
-    min_visible_px: PositiveInt
-    light_strength: Annotated[Range, AfterValidator(_above_zero)]
-    light_kelvin: KelvinRange
-    light_shape: Literal["twin", "ring"]
+    light_strength: PositiveRange
+    light_kelvin: Annotated[tuple[Kelvin, Kelvin], _Ascending]
     ambient: NotNegativeRange
     steel_grey: UnitRange
     roughness: UnitRange
+
+
+@dataclass(frozen=True, config=_STRICT)
+class SceneSettings(SceneLook):
+    """The random properties of a scene around the poses of one image."""
+
+    instruments: Annotated[tuple[Count, Annotated[int, Field(ge=0, le=8)]], _Ascending]
+    lens_radius_mm: NotNegative
+    min_visible_px: PositiveInt
+    light_shape: Literal["twin", "ring"]
     scratches: UnitRange
     anisotropy: UnitRange
     films: UnitRange
     coating_probability: Fraction
-    coating_grey: Annotated[UnitRange, AfterValidator(_above_zero)]
+    coating_grey: Annotated[tuple[PositiveFraction, PositiveFraction], _Ascending]
     coating_roughness: UnitRange
     jaws_probability: Fraction
     contact_shadow: UnitRange
@@ -225,32 +173,36 @@ class Distortion:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class LensSettings:
-    """Effects of lens, air and sensor on the finished image; all off in the paper's setting.
-
-    blur_px: standard deviation of the defocus; motion_px: image motion during the exposure; haze:
-    opacity of surgical smoke; vignette: darkening at the corners; noise: standard deviation of
-    sensor noise in grey levels of 255; jpeg_quality: of the recorder, which compresses before the
-    stored file does; field_px: diameter of a scope's round picture. Pixels are those of the
-    rendered image.
-    """
+class LensLook:
+    """Effects in which the stand-in for real images differs from the training images."""
 
     blur_px: NotNegativeRange
-    motion_px: NotNegativeRange
     haze: UnitRange
     vignette: UnitRange
     noise: NotNegativeRange
-    jpeg_quality: QualityRange | None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LensSettings(LensLook):
+    """Effects of lens, air and sensor on the finished image."""
+
+    motion_px: NotNegativeRange
+    jpeg_quality: Annotated[tuple[Quality, Quality], _Ascending] | None
     distortion: Distortion
     field_px: Positive | None
 
 
 @dataclass(frozen=True, config=_STRICT)
-class RenderSettings:
-    """Everything that determines the images of a rendered set except its backgrounds and seed.
+class RenderOptions:
+    """The stored file and the device for Cycles."""
 
-    device: the device for Cycles; the CPU if Blender does not find it.
-    """
+    jpeg_quality: Quality
+    device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RenderSettings:
+    """Everything that determines the images of a rendered set except its backgrounds and seed."""
 
     camera: CameraSettings
     poses: PoseRanges
@@ -258,7 +210,7 @@ class RenderSettings:
     scene: SceneSettings
     lens: LensSettings
     samples: PositiveInt
-    jpeg_quality: Annotated[int, Field(ge=1, le=100)]
+    jpeg_quality: Quality
     device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
 
     def __post_init__(self) -> None:
@@ -288,11 +240,7 @@ class SlurmSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class ClusterSettings:
-    """Where rendering runs; see `shaftpose.farm.cluster`. No result depends on it.
-
-    workers: processes on this machine, unless a scheduler's address or Slurm is set; hang_s: a
-    Blender process that finishes no image for this many seconds is killed.
-    """
+    """Where rendering runs; see `shaftpose.farm.cluster`. No result depends on it."""
 
     workers: PositiveInt
     address: str | None
@@ -306,7 +254,11 @@ class ClusterSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class Size:
-    """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys."""
+    """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys.
+
+    The least width gives the backbone's first convolution 8 channels, the least depth each of its
+    three stages a block: see `shaftpose.network.ssd.scaling`.
+    """
 
     sources: PositiveInt
     variations: PositiveInt
@@ -315,8 +267,8 @@ class Size:
     samples: PositiveInt
     test_set: PositiveInt
     real: PositiveInt
-    width: Positive
-    depth: Positive
+    width: Annotated[float, Field(ge=0.1875)]
+    depth: Annotated[float, Field(ge=0.17)]
     batch_size: PositiveInt
     detector_steps: PositiveInt
     steps: PositiveInt
@@ -336,23 +288,38 @@ class Size:
 
 @dataclass(frozen=True, config=_STRICT)
 class BackgroundSettings:
-    """The source of backgrounds and their colour variations; saturation and brightness are
-    factors."""
+    """The source of backgrounds and their colour variations."""
 
     source: str | None
     hue_deg: Range
     saturation: NotNegativeRange
     brightness: NotNegativeRange
-    held_out: Annotated[float, Field(gt=0, lt=1)]
+    held_out: Share
+
+
+@dataclass(frozen=True, config=_STRICT)
+class StandInSettings:
+    """The look of rendered images that stand in for real ones."""
+
+    scene: SceneLook
+    lens: LensLook
+
+
+@dataclass(frozen=True, config=_STRICT)
+class RealSettings:
+    """The user's folder of real images, or what stands in for it."""
+
+    source: Path | None
+    stand_in: StandInSettings
 
 
 @dataclass(frozen=True, config=_STRICT)
 class SplitSettings:
-    """Method and shares of the test and validation parts; see `shaftpose.dataset.split`."""
+    """Method and shares of the split: see `shaftpose.dataset.split`."""
 
     method: Literal["grouped", "random"]
-    test: Annotated[float, Field(gt=0, lt=1)]
-    validation: Annotated[float, Field(gt=0, lt=1)]
+    test: Share
+    validation: Share
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -367,14 +334,14 @@ class Augmentation:
 
 @dataclass(frozen=True, config=_STRICT)
 class TrainingSettings:
-    """How a network is trained: params.yaml explains the keys."""
+    """How a network is trained."""
 
     loader_workers: Count | None
-    checkpoint_minutes: Annotated[float, Field(ge=0)]
+    checkpoint_minutes: NotNegative
     max_hours: Positive | None
     on_damaged: Literal["stop", "skip"]
     gradient_clip: Positive | None
-    ema_decay: Annotated[float, Field(gt=0, lt=1)] | None
+    ema_decay: Share | None
     frozen_norm_share: Fraction
     compile: bool
     augmentation: Augmentation
@@ -382,15 +349,7 @@ class TrainingSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class Variant:
-    """One variant of the ablation: conf/variant/`name`.yaml.
-
-    network, loss: see `shaftpose.network.building`; start: checkpoint of a detector whose weights a
-    training starts from, None for random ones; pose_loss: whether poses are learned, if not the
-    network becomes a detector to start from; noise: half-width of the uniform noise on half of the
-    training images, grey levels; real_share: share of real images in training; symmetries: whether
-    training images are mirrored and rotated, real ones also scaled; see
-    `dataset.geometric_transforms`.
-    """
+    """One variant of the ablation: conf/variant/`name`.yaml; c.yaml explains the keys."""
 
     name: str
     title: str
@@ -405,20 +364,17 @@ class Variant:
 
 @dataclass(frozen=True, config=_STRICT)
 class LossSettings:
-    """Weights of the loss (paper, loss function); beta in the order x, y, z, pitch, yaw."""
+    """Weights of the paper's loss, for the files of variants to refer to."""
 
-    alpha: Annotated[float, Field(ge=0)]
+    alpha: NotNegative
     gamma: Positive
-    beta: Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=5, max_length=5)]
+    beta: tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 
 
 @dataclass(frozen=True, config=_STRICT)
 class DetectionSettings:
     """Limits of decoding, see `shaftpose.network.ssd.decoding`, and the refinement of poses, see
-    `shaftpose.refinement.refiner`.
-
-    confidence_threshold: None for the model's own.
-    """
+    `shaftpose.refinement.refiner`."""
 
     top_k: Annotated[int, Field(gt=0, le=7322)]  # the number of default boxes
     nms_iou: Fraction
@@ -435,7 +391,7 @@ class DetectionSettings:
 class ReportSettings:
     """How the champion is chosen: see `shaftpose.report.ablation`."""
 
-    champion_margin: Annotated[float, Field(ge=0)]
+    champion_margin: NotNegative
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -14,7 +14,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from shaftpose.core.errors import InputError
-from shaftpose.settings.tree import Settings, read_settings, read_size
+from shaftpose.settings.parsing import parse
+from shaftpose.settings.schema import Size
+from shaftpose.settings.tree import Settings, read_settings
 
 logger = logging.getLogger(__name__)
 
@@ -78,9 +80,9 @@ def resolved_settings(composed: DictConfig, root: Path) -> Settings:
     try:
         # Checked first, because other parts refer to the sizes.
         sizes = OmegaConf.to_container(composed.profiles[composed.profile], resolve=True)
-        read_size({"profile": composed.profile, "size": sizes})
+        parse(Size, sizes, f"conf/profiles.yaml: {composed.profile}.")
         config = OmegaConf.to_container(composed, resolve=True)
     except OmegaConfBaseException as error:
         raise InputError(f"params.yaml or conf/: {str(error).splitlines()[0]}") from error
     assert isinstance(config, dict)
-    return read_settings({str(key): value for key, value in config.items()}, root)
+    return read_settings({str(k): v for k, v in config.items() if k != "profiles"}, root)

@@ -1,25 +1,31 @@
 """All settings of a run as one frozen tree, parsed and checked once from Hydra's composition."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import yaml
-from pydantic import Field
+from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from shaftpose.core.errors import InputError
-from shaftpose.settings.parsing import as_mapping, parse
-from shaftpose.settings.scaling import block_counts, check_width
+from shaftpose.settings.parsing import first_complaint, parse
 from shaftpose.settings.schema import (
     BackgroundSettings,
     CameraSettings,
     ClusterSettings,
     DetectionSettings,
+    LensSettings,
     LossSettings,
     PoseRanges,
+    RealSettings,
+    RenderOptions,
     RenderSettings,
     ReportSettings,
+    SceneSettings,
+    ShaftSettings,
     Size,
     SplitSettings,
     TrackingSettings,
@@ -30,55 +36,52 @@ from shaftpose.settings.schema import (
 
 VARIANTS = Path("conf/variant")  # in the project's folder
 BACKBONE_SIDE_PX = 299  # of the paper's images; its maps have fixed sizes
-_RENDERING = ("camera", "poses", "shaft", "scene", "lens")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Settings:
-    """All settings of conf/ and params.yaml, and the paths that a stage reads and writes.
-
-    rendering: of the training images; stand_in: of the stand-in for real images; real_source: the
-    user's folder of real images, None for the stand-in. params.yaml explains the rest.
-    """
+    """All settings, by their names in params.yaml and conf/config.yaml."""
 
     profile: str
+    preset: str
     seed: Annotated[int, Field(ge=0, lt=2**31)]
     variants: Annotated[tuple[str, ...], Field(min_length=1)]
-    size: Size
+    camera: CameraSettings
+    poses: PoseRanges
+    shaft: ShaftSettings
     backgrounds: BackgroundSettings
-    rendering: RenderSettings
-    stand_in: RenderSettings
-    real_source: Path | None
+    scene: SceneSettings
+    lens: LensSettings
+    render: RenderOptions
     cluster: ClusterSettings
     split: SplitSettings
+    real: RealSettings
     loss: LossSettings
     training: TrainingSettings
-    trainer: TrainerSettings
-    variant: Variant
     detection: DetectionSettings
     report: ReportSettings
     tracking: TrackingSettings
+    size: Size
+    trainer: TrainerSettings
+    variant: Variant
     out: Path
     results: Path
     model_folder: Path
 
+    @cached_property
+    def rendering(self) -> RenderSettings:
+        """Of the training images. Raises ValidationError if its parts do not go together."""
+        return RenderSettings(
+            camera=self.camera, poses=self.poses, shaft=self.shaft, scene=self.scene,
+            lens=self.lens, samples=self.size.samples, **vars(self.render),
+        )  # fmt: skip
 
-# Parts that are parsed unchanged, by name.
-_PARTS: dict[str, type] = {
-    "backgrounds": BackgroundSettings,
-    "cluster": ClusterSettings,
-    "split": SplitSettings,
-    "loss": LossSettings,
-    "training": TrainingSettings,
-    "detection": DetectionSettings,
-    "report": ReportSettings,
-    "tracking": TrackingSettings,
-}
-# All keys of the top level: of params.yaml, and of conf/config.yaml.
-_KEYS = {
-    *_PARTS, *_RENDERING, "render", "real", "profile", "preset", "seed", "variants", "profiles",
-    "size", "trainer", "variant", "variant_file", "out", "results", "model_folder",
-}  # fmt: skip
+    @cached_property
+    def stand_in(self) -> RenderSettings:
+        """Of the stand-in for real images."""
+        look = self.real.stand_in
+        scene, lens = replace(self.scene, **vars(look.scene)), replace(self.lens, **vars(look.lens))
+        return replace(self.rendering, scene=scene, lens=lens)
 
 
 def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
@@ -87,79 +90,19 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
     Every stage checks all settings, so that a wrong loss weight fails before the render.
     Raises InputError naming the first wrong key.
     """
-    _check_keys(composed)
-    size = read_size(composed)
-    real = _keys(composed["real"], {"source", "stand_in"}, "params.yaml: real")
-    stand_in = _keys(real["stand_in"], {"scene", "lens"}, "params.yaml: real.stand_in")
-    parts: dict[str, object] = {
-        name: parse(kind, composed[name], f"params.yaml: {name}") for name, kind in _PARTS.items()
+    variant, profile, preset = (composed[name] for name in ("variant", "profile", "preset"))
+    elsewhere = {
+        "size": parse(Size, composed["size"], f"conf/profiles.yaml: {profile}."),
+        "trainer": parse(TrainerSettings, composed["trainer"], "trainer."),
+        "variant": parse(Variant, variant, f"conf/variant/{variant['name']}.yaml: "),
     }
-    settings = parse(
-        Settings,
-        {
-            **parts,
-            "size": size,
-            "rendering": _rendering(composed, size.samples),
-            "stand_in": _rendering(composed, size.samples, "params.yaml: real.stand_in.", stand_in),
-            "real_source": real["source"],
-            "trainer": parse(TrainerSettings, composed["trainer"], "trainer"),
-            "variant": parse_variant(composed["variant"], composed["variant_file"]),
-            **{
-                name: composed[name]
-                for name in ("profile", "seed", "variants", "out", "results", "model_folder")
-            },
-        },
-        "params.yaml",
-    )
-    check_symmetries(settings.variant, settings.rendering.poses)
+    where = "params.yaml: " if preset == "none" else f"params.yaml or conf/preset/{preset}.yaml: "
+    with first_complaint(where):
+        settings = TypeAdapter(Settings).validate_python({**composed, **elsewhere})
+        settings.rendering, settings.stand_in  # noqa: B018  # checks that their parts go together
+    check_symmetries(settings.variant, settings.poses)
     check_variants(settings, root)
     return settings
-
-
-def read_size(composed: Mapping[str, Any]) -> Size:
-    """The sizes of the chosen profile. Raises InputError naming the profile if one is wrong."""
-    where = f"conf/profiles.yaml: {composed['profile']}"
-    size = parse(Size, composed["size"], where)
-    try:
-        check_width(size.width)
-        block_counts(size.depth)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
-    return size
-
-
-def _rendering(
-    composed: Mapping[str, Any],
-    samples: int,
-    where: str = "params.yaml: ",
-    changed: Mapping[str, Mapping[str, Any]] | None = None,
-) -> RenderSettings:
-    """The render settings; `changed` replaces single settings of scene and lens.
-
-    where: the prefix of a part's name in messages.
-    """
-    kinds, changed = get_type_hints(RenderSettings), changed or {}
-    parts: dict[str, object] = {}
-    for name in _RENDERING:
-        own = as_mapping(composed[name], f"params.yaml: {name}")
-        changes = as_mapping(changed.get(name, {}), f"{where}{name}")
-        parts[name] = parse(kinds[name], {**own, **changes}, f"{where}{name}")
-    render = as_mapping(composed["render"], "params.yaml: render")
-    return parse(RenderSettings, {**parts, **render, "samples": samples}, "params.yaml: render")
-
-
-def _check_keys(composed: Mapping[str, Any]) -> None:
-    """Raise InputError naming an unknown or a missing key of the top level."""
-    for name in sorted(composed.keys() - _KEYS):
-        raise InputError(f"params.yaml: {name}: unknown; remove it, or indent it into its section")
-    for name in sorted(_KEYS - composed.keys()):
-        raise InputError(f"params.yaml: {name} is missing; add it")
-
-
-def _keys(values: object, expected: set[str], where: str) -> Mapping[str, Any]:
-    if not isinstance(values, Mapping) or values.keys() != expected:
-        raise InputError(f"{where} = {values!r}: must have the keys {', '.join(sorted(expected))}")
-    return values
 
 
 def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
@@ -200,8 +143,8 @@ def check_variants(settings: Settings, root: Path) -> None:
                 f"params.yaml: variants: {name!r}: learns no poses (its pose_loss is false); "
                 "remove it from the list: it is a detector for other variants to start from"
             )
-        check_image_size(chosen, settings.rendering.camera)
-        check_symmetries(chosen, settings.rendering.poses)
+        check_image_size(chosen, settings.camera)
+        check_symmetries(chosen, settings.poses)
         title = chosen.title
         if named.get(title) == name:
             raise InputError(f"params.yaml: variants: {name!r}: listed twice; remove one")
@@ -219,15 +162,7 @@ def read_variant(name: str, root: Path) -> Variant:
     if not path.is_file():
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
         raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
-    return parse_variant(yaml.safe_load(path.read_text()), name)
-
-
-def parse_variant(values: Mapping[str, Any], name: str) -> Variant:
-    """Parse the values of conf/variant/`name`.yaml.
-
-    Raises InputError if a key is missing or a value is wrong.
-    """
-    where = f"conf/variant/{name}.yaml"
+    values, where = yaml.safe_load(path.read_text()), f"conf/variant/{name}.yaml: "
     if "name" in values:
-        raise InputError(f"{where}: name = {values['name']!r}: remove it, the file's name is used")
+        raise InputError(f"{where}name = {values['name']!r}: remove it, the file's name is used")
     return parse(Variant, {**values, "name": name}, where)

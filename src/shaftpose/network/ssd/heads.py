@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from shaftpose.network.ssd.layers import ConvBNReLU
-from shaftpose.settings.scaling import scale_channels
+from shaftpose.network.ssd.scaling import scale_channels
 
 CLASSES = 2  # background, instrument
 BOX_OFFSETS = 4

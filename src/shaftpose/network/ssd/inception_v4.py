@@ -20,7 +20,7 @@ from shaftpose.network.ssd.layers import (
     PooledChain,
     through,
 )
-from shaftpose.settings.scaling import STEM_CHANNELS, block_counts, check_width, scale_channels
+from shaftpose.network.ssd.scaling import STEM_CHANNELS, block_counts, scale_channels
 
 MAP_SIZES = (35, 17, 9, 5, 3, 2)
 EXTRA_CHANNELS = (512, 256, 256)
@@ -106,12 +106,11 @@ class InceptionV4Features(nn.Module):
     """The backbone: six feature maps of sizes `MAP_SIZES` with `channels` channels each.
 
     `width` multiplies the channels of every convolution, `depth` the number of Inception blocks;
-    1.0 and 1.0 are the published network. Raises InputError if either is too small.
+    1.0 and 1.0 are the published network.
     """
 
     def __init__(self, width: float = 1.0, depth: float = 1.0) -> None:
         super().__init__()
-        check_width(width)
         self.width = width
         a_count, b_count, c_count = block_counts(depth)
         first = stem(width)

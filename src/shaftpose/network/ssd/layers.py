@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from shaftpose.settings.scaling import scale_channels
+from shaftpose.network.ssd.scaling import scale_channels
 
 Size = int | tuple[int, int]
 
