@@ -4,7 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.files import write_json
-from shaftpose.dataset.silhouette_sets import silhouette_sets
+from shaftpose.evaluation.masked_images import masked_images
 from shaftpose.evaluation.silhouettes import compare_silhouettes
 from shaftpose.inference.predictor import raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import confidence_threshold
@@ -26,14 +26,14 @@ def main(settings: Settings) -> None:
     )
     stated = settings.detection.confidence_threshold
     confidences = [confidence_threshold(stated, one) for one in predictors]
-    sets = silhouette_sets(middle_camera(settings.rendering), read_domain(Path("data/real")))
+    unposed, camera = Path("data/real"), middle_camera(settings.rendering)
+    sets = masked_images(Path("data/render"), unposed, read_domain(unposed), camera)
     scores, pictures = compare_silhouettes(predictors, confidences, render, sets, settings.out)
     for folder in (settings.out, settings.results):
         write_json(folder / "silhouette.json", asdict(scores))
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = read_training(settings.model_folder).training_id
-    rates = scores.rates()
-    log_results(training_id, settings.variant.name, rates, pictures)
+    log_results(training_id, settings.variant.name, scores.rates(), pictures)
 
 
 if __name__ == "__main__":

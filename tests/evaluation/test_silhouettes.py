@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import read_rgb
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.dataset.silhouette_sets import MaskedImage
 from shaftpose.evaluation import silhouettes
+from shaftpose.evaluation.masked_images import MaskedImage
 from shaftpose.evaluation.silhouettes import compare_silhouettes
 from shaftpose.inference.predictor import Predictor
 

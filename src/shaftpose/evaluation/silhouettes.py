@@ -11,7 +11,7 @@ from tqdm import tqdm
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.instruments import Detections
-from shaftpose.dataset.silhouette_sets import MaskedImage
+from shaftpose.evaluation.masked_images import MaskedImage
 from shaftpose.evaluation.results import Silhouettes
 from shaftpose.figures.drawing import FOUND, TRUTH, contact_sheet, draw_caption, draw_masks
 from shaftpose.inference.predictor import Predictor

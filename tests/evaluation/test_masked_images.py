@@ -13,7 +13,7 @@ from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.coco import write_coco
 from shaftpose.dataset.coco_images import SquareImage
-from shaftpose.dataset.silhouette_sets import silhouette_sets
+from shaftpose.evaluation.masked_images import MaskedImage, masked_images
 
 SIDE = 32
 GREY = np.full((SIDE, SIDE, 3), 128, dtype=np.uint8)
@@ -45,17 +45,20 @@ def write_real(folder: Path, occluded: list[bool]) -> None:
 
 
 @pytest.fixture
-def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
+def folder(tmp_path: Path) -> Path:
     for name in ("clear", "occluded"):
-        write_rendered(tmp_path / "data/render" / name)
+        write_rendered(tmp_path / "render" / name)
     return tmp_path
 
 
+def read(folder: Path, domain: str) -> dict[str, list[MaskedImage]]:
+    return masked_images(folder / "render", folder / "real", domain, CAMERA)
+
+
 @pytest.mark.parametrize("domain", ["real", "stand-in"])
-def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
-    write_real(project / "data/real", [True, False, True])
-    sets = silhouette_sets(CAMERA, domain)
+def test_sets_bear_the_name_of_their_domain(folder: Path, domain: str) -> None:
+    write_real(folder / "real", [True, False, True])
+    sets = read(folder, domain)
     assert {name: len(images) for name, images in sets.items()} == {
         "rendered/clear": 1, "rendered/occluded": 1, f"{domain}/clear": 1, f"{domain}/occluded": 2,
     }  # fmt: skip
@@ -73,19 +76,19 @@ def test_sets_bear_the_name_of_their_domain(project: Path, domain: str) -> None:
     assert sets[f"{domain}/clear"][0].known.poses is None
 
 
-def test_a_set_without_images_is_left_out(project: Path) -> None:
-    write_real(project / "data/real", [False])
-    assert "stand-in/occluded" not in silhouette_sets(CAMERA, "stand-in")
+def test_a_set_without_images_is_left_out(folder: Path) -> None:
+    write_real(folder / "real", [False])
+    assert "stand-in/occluded" not in read(folder, "stand-in")
 
 
-def test_pixels_of_crowds_are_left_out(project: Path) -> None:
-    write_real(project / "data/real", [False, False])
-    path = project / "data/real/test.json"
+def test_pixels_of_crowds_are_left_out(folder: Path) -> None:
+    write_real(folder / "real", [False, False])
+    path = folder / "real/test.json"
     content = json.loads(path.read_text())
     crowd = {"id": 9, "image_id": content["images"][0]["id"], "bbox": [2, 20, 6, 8], "iscrowd": 1}
     content["annotations"].append(crowd)
     path.write_text(json.dumps(content))
-    with_crowd, without = silhouette_sets(CAMERA, "real")["real/clear"]
+    with_crowd, without = read(folder, "real")["real/clear"]
     expected = np.zeros((SIDE, SIDE), dtype=bool)
     expected[20:28, 2:8] = True
     np.testing.assert_array_equal(with_crowd.left_out, expected)
