@@ -20,12 +20,12 @@ import numpy as np
 from benchmarks.rendering.scenes import read_first_scenes
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.farm.set_folder import read_set
-from shaftpose.rendering.blender import kelvin_to_rgb, lamp_places, room_half_mm, room_mesh
 from shaftpose.rendering.materials import GlowMaterial, SteelMaterial
 from shaftpose.rendering.meshes import Mesh
 from shaftpose.rendering.optics import pinhole_behind
 from shaftpose.rendering.scene import Light, Scene, Steel
 from shaftpose.rendering.shapes import instrument_shape
+from shaftpose.rendering.surroundings import kelvin_to_rgb, lamp_places, room_half_mm, room_mesh
 from shaftpose.settings.schema import RenderSettings
 
 _SAMPLES = 64

@@ -18,7 +18,7 @@ from shaftpose.rendering.rendered_set import RenderedSet
 STEPS = {
     "pose sampling": ["shaftpose.rendering.scene_sampler:SceneSampler.candidates"],
     "rendering": ["shaftpose.rendering.blender:Renderer.render"],
-    "reading passes": ["shaftpose.rendering.cycles_passes:_copy_passes"],
+    "reading passes": ["shaftpose.rendering.cycles:_copy_passes"],
     "compositing": [
         "shaftpose.rendering.generator:read_background",
         "shaftpose.rendering.compositing:composite",

@@ -270,7 +270,7 @@ def render_full_frame(
 def test_the_room_holds_all_that_is_seen_of_a_shaft(
     settings: RenderSettings, camera: Camera, far_mm: float, pitch_deg: float
 ) -> None:
-    from shaftpose.rendering.blender import room_half_mm
+    from shaftpose.rendering.surroundings import room_half_mm
 
     poses = replace(settings.poses, z_mm=(10.0, far_mm), pitch_deg=(50.0, pitch_deg))
     half_mm = room_half_mm(replace(settings, poses=poses), camera)
@@ -287,7 +287,7 @@ def test_the_room_holds_all_that_is_seen_of_a_shaft(
 def test_the_room_of_the_repository_s_own_settings(
     settings: RenderSettings, camera: Camera
 ) -> None:
-    from shaftpose.rendering.blender import room_half_mm
+    from shaftpose.rendering.surroundings import room_half_mm
 
     assert room_half_mm(settings, camera) == 60.0
 
@@ -353,7 +353,7 @@ def test_anisotropy_changes_the_steel_and_nothing_else(
 def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
     with_scene: Callable[..., RenderSettings],
 ) -> None:
-    from shaftpose.rendering.blender import lamp_places
+    from shaftpose.rendering.surroundings import lamp_places
 
     twin, ring = (np.array(lamp_places(with_scene(light_shape=s).scene)) for s in ("twin", "ring"))
     np.testing.assert_array_equal(twin, [[-2, 0], [2, 0]])
@@ -374,7 +374,7 @@ def test_lamps_of_both_light_shapes_are_as_far_from_the_lens(
     ],
 )
 def test_colour_temperatures_by_hand(kelvin: float, rgb: tuple[float, ...]) -> None:
-    from shaftpose.rendering.blender import kelvin_to_rgb
+    from shaftpose.rendering.surroundings import kelvin_to_rgb
 
     assert kelvin_to_rgb(kelvin) == pytest.approx(rgb)
 

@@ -12,12 +12,13 @@ from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.samples import Instrument, Sample, sample_key
-from shaftpose.rendering.blender import Foreground, Renderer, lamp_places
+from shaftpose.rendering.blender import Foreground, Renderer
 from shaftpose.rendering.compositing import apply_lens, composite, darken
 from shaftpose.rendering.contact_shadow import contact_shadow
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
+from shaftpose.rendering.surroundings import lamp_places
 from shaftpose.settings.schema import RenderSettings
 
 _MOST_DRAWS = 250

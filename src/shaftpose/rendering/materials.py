@@ -1,4 +1,4 @@
-"""Blender materials: brushed steel, its coating, tissue, and the glowing background."""
+"""Blender materials: brushed steel, tissue and the glowing background, and their images."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.rendering.compositing import to_linear
-from shaftpose.rendering.scene import Coating, Steel
+from shaftpose.rendering.scene import Steel
 
 _NORMAL_MAP_PX = 512
 # Share of the scratches' slopes in the normal map; the rest of their variance is roughness.
 _SHOWN_SLOPES = 0.5
 _SLOPE = 0.27  # root mean square of the normal map's slopes
 _MIRRORED_PX = 24
-_COATING_ROWS = 1000  # of a coating of 200 mm; longer ones have more. Half a row is the first
 
 
 @dataclass
@@ -108,6 +107,34 @@ def _blur_tiled(image: NDArray[np.float32], sigma_u: float, sigma_v: float) -> N
     return np.asarray(blurred[pad:-pad, pad:-pad], dtype=np.float32)
 
 
+class SceneImages:
+    """Blender's images of the current scene.
+
+    Cycles' persistent data ignores changes to an image, so each scene has new images. Cycles knows
+    them by their addresses: a new image at the address of one that was rendered last looks like
+    that one. An image may therefore be removed only after a render without it.
+    """
+
+    def __init__(self) -> None:
+        self._current: list[Any] = []
+        self._past: list[Any] = []
+
+    def begin_scene(self) -> None:
+        """Treat all images added so far as those of earlier scenes."""
+        self._past += self._current
+        self._current = []
+
+    def add(self, image: Any) -> Any:
+        """Take a new image into the current scene; returns it."""
+        self._current.append(image)
+        return image
+
+    def remove_past(self) -> None:
+        """Remove the images of earlier scenes; to be called after a render of the current one."""
+        while self._past:
+            bpy.data.images.remove(self._past.pop())
+
+
 def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
     """A background (H, W, 3) as a new Blender image, in linear light at low resolution.
 
@@ -120,48 +147,6 @@ def mirrored_image(rgb: NDArray[np.uint8]) -> Any:
     pixels[::-1, :, :3] = cv2.resize(to_linear(rgb), size, interpolation=cv2.INTER_AREA)
     image.pixels.foreach_set(pixels.ravel())
     return image
-
-
-class CoatingLayer:
-    """The polymer coating on one steel material: colour, share of metal and roughness by a picture.
-    Steel without a coating keeps its own nodes."""
-
-    def __init__(self, material: Any) -> None:
-        tree = material.node_tree
-        self._links, self._shader = tree.links, tree.nodes["Principled BSDF"]
-        coordinates = tree.nodes.new("ShaderNodeUVMap")
-        self._mapping = tree.nodes.new("ShaderNodeMapping")
-        self._texture = tree.nodes.new("ShaderNodeTexImage")
-        self._roughness = tree.nodes.new("ShaderNodeMapRange")
-        tree.links.new(coordinates.outputs["UV"], self._mapping.inputs["Vector"])
-        # The disc of the tip has coordinates below 0 along the shaft: it is like the tip's rim.
-        from_tip = tree.nodes.new("ShaderNodeVectorMath")
-        from_tip.operation = "MAXIMUM"
-        from_tip.inputs[1].default_value = (-1e6, 0.5 / _COATING_ROWS, -1e6)
-        tree.links.new(self._mapping.outputs["Vector"], from_tip.inputs[0])
-        tree.links.new(from_tip.outputs["Vector"], self._texture.inputs["Vector"])
-        tree.links.new(self._texture.outputs["Alpha"], self._roughness.inputs["Value"])
-
-    def apply(self, coating: Coating | None, picture: Any, size_mm: tuple[float, float]) -> None:
-        """Replace the coating on the current steel; None: bare steel.
-
-        picture: Blender image of `coating_picture`; size_mm: its extent around and along.
-        """
-        for name in ("Base Color", "Metallic", "Roughness"):
-            for link in list(self._shader.inputs[name].links):
-                self._links.remove(link)
-        if coating is None:
-            return
-        self._texture.image = picture
-        self._mapping.inputs["Scale"].default_value = (1 / size_mm[0], 1 / size_mm[1], 1.0)
-        # 0 on the polymer, 1 on bare metal.
-        self._roughness.inputs["To Min"].default_value = coating.roughness
-        self._roughness.inputs["To Max"].default_value = self._shader.inputs[
-            "Roughness"
-        ].default_value
-        self._links.new(self._texture.outputs["Color"], self._shader.inputs["Base Color"])
-        self._links.new(self._texture.outputs["Alpha"], self._shader.inputs["Metallic"])
-        self._links.new(self._roughness.outputs["Result"], self._shader.inputs["Roughness"])
 
 
 def surface_image(picture: NDArray[np.float32]) -> Any:

@@ -1,7 +1,8 @@
-"""The surface of a polymer-coated shaft as a picture: coating, bare metal at the tip, rings and
-print."""
+"""Polymer coatings of shafts: a picture of coating, bare metal at the tip, rings and print, and the
+layer in Blender's nodes that shows it."""
 
 import string
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from shaftpose.core.random_streams import streams
 from shaftpose.rendering.scene import Coating, Steel
 
+_COATING_ROWS = 1000  # of the picture of 200 mm, more of longer shafts; half a row is its first
 _PX_PER_MM = 5.0
 _MOST_RINGS = 3
 _MARKED_MM = 50.0  # rings and print are within this distance from the tip
@@ -76,3 +78,45 @@ def _print_mask(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np
     if rng.random() < 0.5:  # read from the handle
         strip[:] = strip[::-1, ::-1].copy()
     return along.T.astype(np.float32) / 255
+
+
+class CoatingLayer:
+    """The polymer coating on one steel material: colour, share of metal and roughness by a picture.
+    Steel without a coating keeps its own nodes."""
+
+    def __init__(self, material: Any) -> None:
+        tree = material.node_tree
+        self._links, self._shader = tree.links, tree.nodes["Principled BSDF"]
+        coordinates = tree.nodes.new("ShaderNodeUVMap")
+        self._mapping = tree.nodes.new("ShaderNodeMapping")
+        self._texture = tree.nodes.new("ShaderNodeTexImage")
+        self._roughness = tree.nodes.new("ShaderNodeMapRange")
+        tree.links.new(coordinates.outputs["UV"], self._mapping.inputs["Vector"])
+        # The disc of the tip has coordinates below 0 along the shaft: it is like the tip's rim.
+        from_tip = tree.nodes.new("ShaderNodeVectorMath")
+        from_tip.operation = "MAXIMUM"
+        from_tip.inputs[1].default_value = (-1e6, 0.5 / _COATING_ROWS, -1e6)
+        tree.links.new(self._mapping.outputs["Vector"], from_tip.inputs[0])
+        tree.links.new(from_tip.outputs["Vector"], self._texture.inputs["Vector"])
+        tree.links.new(self._texture.outputs["Alpha"], self._roughness.inputs["Value"])
+
+    def apply(self, coating: Coating | None, picture: Any, size_mm: tuple[float, float]) -> None:
+        """Replace the coating on the current steel; None: bare steel.
+
+        picture: Blender image of `coating_picture`; size_mm: its extent around and along.
+        """
+        for name in ("Base Color", "Metallic", "Roughness"):
+            for link in list(self._shader.inputs[name].links):
+                self._links.remove(link)
+        if coating is None:
+            return
+        self._texture.image = picture
+        self._mapping.inputs["Scale"].default_value = (1 / size_mm[0], 1 / size_mm[1], 1.0)
+        # 0 on the polymer, 1 on bare metal.
+        self._roughness.inputs["To Min"].default_value = coating.roughness
+        self._roughness.inputs["To Max"].default_value = self._shader.inputs[
+            "Roughness"
+        ].default_value
+        self._links.new(self._texture.outputs["Color"], self._shader.inputs["Base Color"])
+        self._links.new(self._texture.outputs["Alpha"], self._shader.inputs["Metallic"])
+        self._links.new(self._roughness.outputs["Result"], self._shader.inputs["Roughness"])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shaftpose.rendering.coating_picture import coating_picture
+from shaftpose.rendering.coatings import coating_picture
 from shaftpose.rendering.scene import Coating, Steel
 
 STEEL = Steel(grey=0.6, roughness=0.2, scratches=0.2, grain=4.0)

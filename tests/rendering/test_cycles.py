@@ -66,7 +66,7 @@ CHOOSE = """
 import os
 os.environ.update(CUDA_VISIBLE_DEVICES="", HIP_VISIBLE_DEVICES="")
 import bpy, _cycles  # in this order: the second is part of the first
-from shaftpose.rendering.device import use_device
+from shaftpose.rendering.cycles import use_device
 found = _cycles.available_devices
 _cycles.available_devices = lambda kind: (
     ("a GPU", "CUDA", "CUDA_0", *found(kind)[0][3:]), *found(kind)
