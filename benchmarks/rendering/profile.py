@@ -22,7 +22,7 @@ STEPS = {
     "compositing": [
         "shaftpose.rendering.generator:read_background",
         "shaftpose.rendering.compositing:composite",
-        "shaftpose.rendering.compositing:apply_lens",
+        "shaftpose.rendering.optics:apply_lens",
     ],
     "annotation": [
         "shaftpose.rendering.generator:_masks",

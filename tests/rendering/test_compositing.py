@@ -1,17 +1,14 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.rendering.compositing import apply_lens, composite, darken, to_srgb
-from shaftpose.rendering.scene import Lens
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.rendering.compositing import composite, contact_shadow, darken, to_srgb
 
-CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
-
-
-def flat(level: int, size: int = 101) -> NDArray[np.uint8]:
-    return np.full((size, size, 3), level, dtype=np.uint8)
+CAMERA = Camera.from_field_of_view(299, 299, 95.0)
+TWIN = ((-2.0, 0.0), (2.0, 0.0))
+TO_THE_RIGHT = ShaftPose(-10.0, 0.0, 22.0, 65.0, 0.0)  # and towards the camera
+DOWN = ShaftPose(0.0, -10.0, 22.0, 65.0, 90.0)
 
 
 def pixel(red: float, green: float, blue: float, alpha: float) -> NDArray[np.float32]:
@@ -64,99 +61,51 @@ def test_light_is_taken_away_in_linear_light() -> None:
     assert darken(levels, half)[0, 255].tolist() == [188] * 3  # half of the light of 255
 
 
-def test_a_clean_lens_changes_nothing() -> None:
-    image = np.random.default_rng(2).integers(0, 256, (20, 20, 3)).astype(np.uint8)
-    np.testing.assert_array_equal(apply_lens(image, CLEAN, 1), image)
+def shadow_of(
+    pose: ShaftPose, lamps: tuple[tuple[float, float], ...] = TWIN
+) -> tuple[np.ndarray, np.ndarray]:
+    """The shadow and the shaft's mask."""
+    mask = np.isfinite(cylinder_depth(CAMERA, pose, 3.0, 150.0))
+    return contact_shadow(CAMERA, [(pose, mask)], lamps), mask
 
 
-def test_vignette_darkens_the_corners_only() -> None:
-    seen = apply_lens(flat(200), replace(CLEAN, vignette=0.5), 1)
-    assert np.all(seen[50, 50] == 200)
-    for corner in (seen[0, 0], seen[0, -1], seen[-1, 0], seen[-1, -1]):
-        assert np.all(corner == 100)
+def test_without_shafts_there_is_no_shadow() -> None:
+    assert not contact_shadow(CAMERA, [], TWIN).any()
 
 
-def test_haze_brightens_a_dark_image() -> None:
-    thin, thick = (apply_lens(flat(20), replace(CLEAN, haze=h), 1).mean() for h in (0.2, 0.6))
-    assert 20 < thin < thick < 214
-    full = apply_lens(flat(20), replace(CLEAN, haze=1.0), 1)
-    assert full.max() <= 214
+def test_the_shadow_is_darkest_and_narrowest_at_the_tip() -> None:
+    shadow, mask = shadow_of(TO_THE_RIGHT)
+    assert 0 <= shadow.min() <= shadow.max() <= 1
+    tip = int(CAMERA.project(TO_THE_RIGHT.tip_mm)[0])
+    edges, widths = [], []
+    for column in (tip + 12, tip + 60, tip + 120):
+        below = shadow[np.flatnonzero(mask[:, column]).max() + 1 :, column]
+        edges.append(below[0])
+        widths.append(np.count_nonzero(below > below[0] / 4))
+    assert edges[0] > edges[1] > edges[2] > 0.2
+    assert widths[0] < widths[1] < widths[2]
 
 
-def test_noise_has_the_set_strength() -> None:
-    seen = apply_lens(flat(128), replace(CLEAN, noise=5.0), 1).astype(float)
-    assert seen.std() == pytest.approx(5.0, rel=0.05)
-    assert seen.mean() == pytest.approx(128, abs=0.2)
+def test_the_shadow_goes_on_to_the_images_edge() -> None:
+    shadow, mask = shadow_of(TO_THE_RIGHT)
+    beside = shadow[np.flatnonzero(mask[:, -1]).max() + 2]
+    assert beside[-1] > 0.9 * beside[-30]
 
 
-def test_blur_spreads_an_edge_and_keeps_its_place() -> None:
-    image = flat(40)
-    image[:, 51:] = 200
-    seen = apply_lens(image, replace(CLEAN, blur_px=2.0), 1)[50, :, 0].astype(int)
-    assert np.all(np.diff(seen) >= 0)
-    assert 40 < seen[49] < seen[50] < 120 < seen[51] < seen[52] < 200
-    # 84 % of the step is reached one standard deviation (2 px) beyond the edge.
-    assert (seen[52] + seen[53]) / 2 == pytest.approx(40 + 0.8413 * 160, abs=4)
+def test_a_lamp_throws_the_shadow_to_its_other_side() -> None:
+    (both, mask), (left, _) = shadow_of(DOWN), shadow_of(DOWN, ((-4.0, 0.0),))
+    right_side = np.arange(299) >= 150
+    visible = ~mask
+    np.testing.assert_allclose(both, both[:, ::-1], atol=0.02)
+    assert left[visible & right_side].sum() > 2 * left[visible & ~right_side].sum()
 
 
-def test_motion_spreads_a_point_along_its_way() -> None:
-    image = flat(0)
-    image[50, 50] = 250
-    seen = apply_lens(image, replace(CLEAN, motion_px=(6.0, 0.0)), 1)[..., 0].astype(int)
-    # 250 over a path of 6 px: 41 or 42 on each of 5 px, half of that on the two at the ends.
-    assert np.count_nonzero(seen[:50]) == np.count_nonzero(seen[51:]) == 0
-    assert np.all(np.abs(seen[50, 48:53] - 250 / 6) <= 2)
-    assert seen[50, 47] == pytest.approx(21, abs=2)
-    np.testing.assert_array_equal(seen[50], seen[50, ::-1])
-    assert seen.sum() == pytest.approx(250, abs=8)
-    np.testing.assert_array_equal(
-        apply_lens(image, replace(CLEAN, motion_px=(0.0, 6.0)), 1)[..., 0].T, seen
-    )
-
-
-def test_motion_may_be_oblique_and_moves_nothing_on_the_whole() -> None:
-    image = flat(0)
-    image[50, 50] = 255
-    seen = apply_lens(image, replace(CLEAN, motion_px=(-5.0, 8.0)), 1)[..., 0].astype(float)
-    rows, columns = np.nonzero(seen > 8)
-    assert np.ptp(rows) == pytest.approx(8, abs=1)
-    assert np.ptp(columns) == pytest.approx(5, abs=1)
-    assert np.corrcoef(rows, columns)[0, 1] < -0.9
-    v, u = np.mgrid[0:101, 0:101]
-    assert (seen * u).sum() / seen.sum() == pytest.approx(50, abs=0.1)
-    assert (seen * v).sum() / seen.sum() == pytest.approx(50, abs=0.1)
-
-
-def test_what_the_lens_does_not_show_is_black_but_for_noise() -> None:
-    shown = np.zeros((101, 101), dtype=bool)
-    shown[30:60, 30:60] = True
-    hazy = replace(CLEAN, haze=0.5, blur_px=2.0)
-    for lens in (CLEAN, hazy):
-        seen = apply_lens(flat(120), lens, 1, shown)
-        assert not seen[~shown].any()
-        assert seen[shown].min() > 60
-    noisy = apply_lens(flat(120), replace(CLEAN, noise=4.0), 1, shown)
-    assert 0 < noisy[~shown].mean() < 5
-
-
-def test_a_recorder_compresses_the_noise_away() -> None:
-    lens = replace(CLEAN, noise=4.0)
-    raw, good, bad = (
-        apply_lens(flat(128), replace(lens, jpeg_quality=quality), 1) for quality in (None, 95, 20)
-    )
-    errors = [np.abs(image.astype(int) - raw).mean() for image in (good, bad)]
-    assert 0 < errors[0] < errors[1]
-    assert bad.std() < 0.8 * raw.std()
-
-
-def test_the_sensor_seed_determines_smoke_and_noise() -> None:
-    lens = Lens(blur_px=0.8, haze=0.3, vignette=0.4, noise=3.0)
-    first, again, other = (apply_lens(flat(90), lens, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
-def test_the_given_image_is_left_alone() -> None:
-    image = flat(90)
-    apply_lens(image, Lens(blur_px=0.8, haze=0.3, vignette=0.4, noise=3.0), 1)
-    assert np.all(image == 90)
+def test_the_shadow_falls_where_geometry_says() -> None:
+    """A thin shaft across the view at 20 mm, 6 mm in front of its tissue, with a lamp 12 mm to the
+    left: f 12 (1/20 - 1/26) = 19.0 px to the right."""
+    pose = ShaftPose(0.0, -40.0, 20.0, 90.0, 90.0)
+    mask = np.zeros((299, 299), dtype=bool)
+    mask[:, 149] = True
+    profile = contact_shadow(CAMERA, [(pose, mask)], ((-12.0, 0.0),))[150]
+    centre = (profile * np.arange(299)).sum() / profile.sum()
+    assert centre == pytest.approx(149 + 19.0, abs=1.5)

@@ -1,42 +1,9 @@
-import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
-from shaftpose.rendering.meshes import Mesh, lump_mesh, projected_outline, shaft_mesh
-from shaftpose.rendering.poses import PoseSampler
-from shaftpose.settings.schema import RenderSettings
+from shaftpose.rendering.meshes import Mesh, lump_mesh, shaft_mesh
 
 DIAMETER_MM, LENGTH_MM = 3.0, 150.0
-# Passes next to the camera and behind it: 60 % of it lies behind the image plane.
-BESIDE_CAMERA = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
-
-
-def in_camera(points: NDArray[np.float64], pose: ShaftPose) -> NDArray[np.float64]:
-    return points @ pose.rotation.T + pose.tip_mm
-
-
-def surface_points() -> NDArray[np.float64]:
-    """Dense points of a true cylinder's side, rims included, in the shaft frame."""
-    angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    along = np.linspace(0, LENGTH_MM, 6001)
-    ring = DIAMETER_MM / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    grid = np.empty((len(along), len(angles), 3))
-    grid[..., :2], grid[..., 2] = ring, along[:, None]
-    return grid.reshape(-1, 3)
-
-
-def outline_of(camera: Camera, pose: ShaftPose) -> NDArray[np.float32] | None:
-    mesh = shaft_mesh(DIAMETER_MM, LENGTH_MM)
-    return projected_outline(camera, in_camera(mesh.vertices, pose), mesh.edges)
-
-
-@pytest.fixture(scope="module")
-def poses(camera: Camera, settings: RenderSettings) -> list[ShaftPose]:
-    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
-    rng = np.random.default_rng(9)
-    return [draw(rng, 1).poses[0] for _ in range(10)]
 
 
 def test_shaft_has_its_size_and_its_tip_at_the_origin() -> None:
@@ -70,24 +37,6 @@ def test_edges_of_the_shaft_are_its_rims_and_its_sides() -> None:
     )
     assert len(mesh.edges) == 3 * sides
     assert np.sum(np.isclose(lengths, LENGTH_MM)) == sides
-
-
-def test_the_outline_of_a_rod_is_its_silhouette(camera: Camera, poses: list[ShaftPose]) -> None:
-    assert np.mean(in_camera(surface_points(), BESIDE_CAMERA)[:, 2] < 0) > 0.5
-    for pose in [*poses, BESIDE_CAMERA]:
-        outline = outline_of(camera, pose)
-        assert outline is not None
-        exact = np.isfinite(cylinder_depth(camera, pose, DIAMETER_MM, LENGTH_MM))
-        assert cv2.contourArea(outline) == pytest.approx(exact.sum(), rel=0.01)
-        for y, x in np.argwhere(exact) + 0.5:
-            assert cv2.pointPolygonTest(outline, (x, y), measureDist=True) > -0.05
-
-
-@pytest.mark.parametrize(
-    "pose", [ShaftPose(0, 0, -20, 60, 0), ShaftPose(200, 0, 20, 90, 0)], ids=["behind", "beside"]
-)
-def test_a_shaft_out_of_view_has_no_outline(camera: Camera, pose: ShaftPose) -> None:
-    assert outline_of(camera, pose) is None
 
 
 @pytest.mark.parametrize("seed", range(5))

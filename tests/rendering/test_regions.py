@@ -1,10 +1,15 @@
 """The rendered rectangles, by hand and by their guarantees."""
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.rendering.regions import Region, cover
+from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.rendering.meshes import shaft_mesh
+from shaftpose.rendering.poses import PoseSampler
+from shaftpose.rendering.regions import Region, cover, projected_outline
+from shaftpose.settings.schema import RenderSettings
 
 FREE = 0.0
 
@@ -64,3 +69,54 @@ def test_a_diagonal_is_cut_the_finer_the_cheaper_a_render_is() -> None:
     assert area(found[0]) < area(found[1]) < area(found[2]) == 40 * 60
     for regions, cost in zip(found, costs, strict=True):
         assert area(regions) + cost * (len(regions) - 1) <= 40 * 60
+
+
+# Outlines of bodies.
+
+DIAMETER_MM, LENGTH_MM = 3.0, 150.0
+# Passes next to the camera and behind it: 60 % of it lies behind the image plane.
+BESIDE_CAMERA = ShaftPose(-12.0, 3.0, 38.0, 50.0, 170.0)
+
+
+def in_camera(points: NDArray[np.float64], pose: ShaftPose) -> NDArray[np.float64]:
+    return points @ pose.rotation.T + pose.tip_mm
+
+
+def surface_points() -> NDArray[np.float64]:
+    """Dense points of a true cylinder's side, rims included, in the shaft frame."""
+    angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    along = np.linspace(0, LENGTH_MM, 6001)
+    ring = DIAMETER_MM / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    grid = np.empty((len(along), len(angles), 3))
+    grid[..., :2], grid[..., 2] = ring, along[:, None]
+    return grid.reshape(-1, 3)
+
+
+def outline_of(camera: Camera, pose: ShaftPose) -> NDArray[np.float32] | None:
+    mesh = shaft_mesh(DIAMETER_MM, LENGTH_MM)
+    return projected_outline(camera, in_camera(mesh.vertices, pose), mesh.edges)
+
+
+@pytest.fixture(scope="module")
+def poses(camera: Camera, settings: RenderSettings) -> list[ShaftPose]:
+    draw = PoseSampler(camera, settings.poses, settings.shaft, settings.scene)
+    rng = np.random.default_rng(9)
+    return [draw(rng, 1).poses[0] for _ in range(10)]
+
+
+def test_the_outline_of_a_rod_is_its_silhouette(camera: Camera, poses: list[ShaftPose]) -> None:
+    assert np.mean(in_camera(surface_points(), BESIDE_CAMERA)[:, 2] < 0) > 0.5
+    for pose in [*poses, BESIDE_CAMERA]:
+        outline = outline_of(camera, pose)
+        assert outline is not None
+        exact = np.isfinite(cylinder_depth(camera, pose, DIAMETER_MM, LENGTH_MM))
+        assert cv2.contourArea(outline) == pytest.approx(exact.sum(), rel=0.01)
+        for y, x in np.argwhere(exact) + 0.5:
+            assert cv2.pointPolygonTest(outline, (x, y), measureDist=True) > -0.05
+
+
+@pytest.mark.parametrize(
+    "pose", [ShaftPose(0, 0, -20, 60, 0), ShaftPose(200, 0, 20, 90, 0)], ids=["behind", "beside"]
+)
+def test_a_shaft_out_of_view_has_no_outline(camera: Camera, pose: ShaftPose) -> None:
+    assert outline_of(camera, pose) is None

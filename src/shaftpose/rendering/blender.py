@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import chain
 
 import bpy
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,17 +12,14 @@ from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.masks import mask_box
 from shaftpose.rendering.cycles import PassReader, set_border, set_up_cycles, use_device
 from shaftpose.rendering.materials import SceneImages
-from shaftpose.rendering.meshes import projected_outline
 from shaftpose.rendering.optics import pinhole_behind, seen_by
 from shaftpose.rendering.placed_bodies import UNANNOTATED_INDEX, Shafts, Unannotated
-from shaftpose.rendering.regions import Region, cover
+from shaftpose.rendering.regions import Region, cover, touched_pixels
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.rendering.surroundings import Surroundings
 from shaftpose.settings.schema import RenderSettings
 
-# Margin of the rendered region: the pixel filter reaches beyond a mesh's edge.
-_MARGIN_PX = 3
 # Fixed cost of a render, in samples of empty pixels: 0.5 ms in Cycles at 0.2 us per sample, plus a
 # reserve for Python's overhead.
 _RENDER_PX_SAMPLES = 4_000
@@ -98,7 +94,8 @@ class Renderer:
 
     def _render_regions(self) -> Foreground | None:
         """Call Blender for each non-empty part of the image."""
-        touched = self._touched()
+        bodies = chain(self._shafts.meshes(), self._unannotated.meshes())
+        touched = touched_pixels(self._pinhole, bodies)
         if not touched.any():
             return None
         linear = np.zeros((*touched.shape, 4), dtype=np.float32)
@@ -112,14 +109,3 @@ class Renderer:
         index[index == UNANNOTATED_INDEX] = 0
         whole = Region(*mask_box(touched))
         return Foreground(whole, linear[whole.slices], index[whole.slices])
-
-    def _touched(self) -> NDArray[np.bool_]:
-        """Mask (H, W) of pixels that a shaft or an occluder may touch, plus a margin."""
-        touched = np.zeros((self._pinhole.height, self._pinhole.width), dtype=np.uint8)
-        for mesh, matrix in chain(self._shafts.meshes(), self._unannotated.meshes()):
-            points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-            outline = projected_outline(self._pinhole, points, mesh.edges)
-            if outline is not None:
-                cv2.fillConvexPoly(touched, np.floor(outline).astype(np.int32), (1,))
-        margin = np.ones((2 * _MARGIN_PX + 1, 2 * _MARGIN_PX + 1), dtype=np.uint8)
-        return np.asarray(cv2.dilate(touched, margin), dtype=bool)

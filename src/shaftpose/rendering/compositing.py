@@ -1,23 +1,26 @@
-"""Compositing of Blender's linear foreground and a background photo, and lens effects."""
+"""Compositing of Blender's linear foreground and a background photo, on which shafts cast a shadow.
 
-from itertools import product
-from math import ceil
+The soft shadow on the tissue behind shafts is computed here, because that tissue exists only as a
+photo.
+"""
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.images import decode_rgb, encode_jpeg
-from shaftpose.core.random_streams import streams
-from shaftpose.rendering.scene import Lens
+from shaftpose.core.geometry import Camera, ShaftPose
 
 # sRGB to linear for every 8-bit level (IEC 61966-2-1), as a table.
 _LEVELS = np.arange(256) / 255.0
 _TO_LINEAR = np.where(
     _LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4
 ).astype(np.float32)
-_CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
-_HAZE_COLOUR = np.array([214, 208, 204], dtype=np.float32)
+_GAP_MM = 6.0  # from a tip to the tissue behind it
+_LAMP_MM = 3.0  # half width of the light: the lamp, and light reflected by nearby tissue
+# Distances in px between a point and its shadow, for a lamp 1 mm from the lens.
+_PARALLAXES = 2.0 ** np.arange(-1, 6)
 
 
 def to_linear(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -53,60 +56,45 @@ def darken(rgb: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.uin
     return to_srgb(_TO_LINEAR[rgb] * (1 - share[..., None]))
 
 
-def apply_lens(
-    rgb: NDArray[np.uint8],
-    lens: Lens,
-    sensor_seed: int,
-    shown: NDArray[np.bool_] | None = None,
-) -> NDArray[np.uint8]:
-    """Apply haze, vignette, defocus, motion blur, black outside of `shown` (H, W), sensor noise and
-    JPEG compression, in that order. Nothing moves, so boxes, masks and poses stay valid. Without
-    any effect the image is returned unchanged."""
-    if lens == _CLEAN and shown is None:
-        return rgb
-    stream = streams(sensor_seed)
-    image = rgb.astype(np.float32)
-    image += lens.haze * _smoke(stream("smoke"), rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
-    image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
-    if lens.blur_px > 0:
-        image = np.asarray(cv2.GaussianBlur(image, (0, 0), lens.blur_px), dtype=np.float32)
-    if any(lens.motion_px):
-        image = np.asarray(cv2.filter2D(image, -1, _way(*lens.motion_px)), dtype=np.float32)
-    if shown is not None:
-        image[~shown] = 0
-    image += lens.noise * stream("noise").standard_normal(image.shape, dtype=np.float32)
-    seen = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    return seen if lens.jpeg_quality is None else _compressed(seen, lens.jpeg_quality)
+def contact_shadow(
+    camera: Camera,
+    shafts: Sequence[tuple[ShaftPose, NDArray[np.bool_]]],
+    lamps_mm: Sequence[tuple[float, float]],
+) -> NDArray[np.float32]:
+    """The share (H, W), 0 to 1, of its light that the tissue around shafts loses.
+
+    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps relative to the lens. The
+    tissue behind a shaft is approximated by a plane across the view at a depth d just beyond the
+    tip. For a lamp b mm from the lens, the shadow of a point at depth z is displaced by
+    f b (1/z - 1/d) px and blurred in proportion to the lamp's width: narrow and dark near the tip,
+    wide and faint towards the handle.
+    """
+    layers = np.zeros((len(_PARALLAXES), camera.height, camera.width), dtype=np.float32)
+    for pose, mask in shafts:
+        near = _inverse_depth(camera, pose)[mask] * (pose.z_mm + _GAP_MM)  # d / z
+        parallax = camera.focal_px / (pose.z_mm + _GAP_MM) * (near - 1)
+        octave = np.log2(np.clip(parallax, _PARALLAXES[0], _PARALLAXES[-1]) / _PARALLAXES[0])
+        for number, layer in enumerate(layers):
+            layer[mask] += np.clip(1 - np.abs(octave - number), 0, 1) / near
+    shadow = np.zeros(layers.shape[1:], dtype=np.float32)
+    for layer, parallax in zip(layers, _PARALLAXES.tolist(), strict=True):
+        if layer.any():
+            blurred = cv2.GaussianBlur(layer, (0, 0), _LAMP_MM * parallax)
+            for x_mm, y_mm in lamps_mm:
+                shadow += _moved(blurred, -x_mm * parallax, -y_mm * parallax) / len(lamps_mm)
+    # Half of a blurred shadow is behind the edge that casts it.
+    return np.minimum(2 * shadow, 1)
 
 
-def _way(right_px: float, down_px: float) -> NDArray[np.float32]:
-    """Motion blur kernel: a straight line through the centre, so there is no net shift; the sum
-    is 1."""
-    half = ceil(max(abs(right_px), abs(down_px)) / 2) + 1
-    steps = np.linspace(-0.5, 0.5, 16 * half + 1)
-    u, v = half + steps * right_px, half + steps * down_px
-    kernel = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
-    for column, row in product((0, 1), repeat=2):
-        x, y = np.floor(u).astype(int) + column, np.floor(v).astype(int) + row
-        np.add.at(kernel, (y, x), (1 - np.abs(u - x)) * (1 - np.abs(v - y)))
-    return kernel / kernel.sum()
+def _inverse_depth(camera: Camera, pose: ShaftPose) -> NDArray[np.float64]:
+    """1 / z (H, W), in 1 / mm, of the plane through a shaft's axis that most faces the camera."""
+    normal = np.cross(pose.direction, np.cross(pose.direction, pose.tip_mm))
+    inverse: NDArray[np.float64] = camera.rays() @ normal / (pose.tip_mm @ normal)
+    return inverse
 
 
-def _compressed(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    return np.asarray(decode_rgb(encode_jpeg(rgb, quality)), dtype=np.uint8)
-
-
-def _smoke(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
-    """Density (size, size) in [0, 1] of smoke: two octaves of smooth noise."""
-    coarse = cv2.resize(rng.random((4, 4), dtype=np.float32), (size_px, size_px),
-                        interpolation=cv2.INTER_CUBIC)  # fmt: skip
-    fine = cv2.resize(rng.random((9, 9), dtype=np.float32), (size_px, size_px),
-                      interpolation=cv2.INTER_CUBIC)  # fmt: skip
-    return np.clip(0.7 * coarse + 0.3 * fine, 0, 1)
-
-
-def _vignette(size_px: int, strength: float) -> NDArray[np.float32]:
-    """Factor (size, size): 1 at the centre, 1 - strength in the corners."""
-    axis = np.linspace(-1, 1, size_px, dtype=np.float32)
-    squared_radius = (axis[:, None] ** 2 + axis[None] ** 2) / 2
-    return 1 - np.float32(strength) * squared_radius**2
+def _moved(image: NDArray[np.float32], right_px: float, down_px: float) -> NDArray[np.float32]:
+    way = np.array([[1, 0, right_px], [0, 1, down_px]])
+    # The shaft and its shadow continue beyond the image.
+    moved = cv2.warpAffine(image, way, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, dtype=np.float32)

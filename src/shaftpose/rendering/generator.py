@@ -13,8 +13,8 @@ from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.rendering.blender import Foreground, Renderer
-from shaftpose.rendering.compositing import apply_lens, composite, darken
-from shaftpose.rendering.contact_shadow import contact_shadow
+from shaftpose.rendering.compositing import composite, contact_shadow, darken
+from shaftpose.rendering.optics import apply_lens
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.rendering.shapes import instrument_shape

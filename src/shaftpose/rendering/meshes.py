@@ -1,20 +1,16 @@
-"""Meshes as plain arrays: rods, lumps of tissue, and a mesh's projected outline."""
+"""Meshes as plain arrays: rods, and lumps of tissue."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from shaftpose.core.geometry import Camera
 
 Array = NDArray[np.float64]
 
 SIDES = 96  # a rod of 96 sides differs from a cylinder by 0.001 mm
-_NEAR_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -109,27 +105,3 @@ def _unevenness(unit: Array, shape_seed: int) -> Array:
     phases = rng.uniform(0, 2 * np.pi, size=8)
     wobble: Array = 1 + 0.06 * np.sin(unit @ waves.T + phases).sum(axis=-1)
     return wobble
-
-
-def projected_outline(
-    camera: Camera, points_mm: Array, edges: NDArray[np.int64]
-) -> NDArray[np.float32] | None:
-    """Corners (N, 2), px, of a mesh's projected convex hull, clipped to the image.
-
-    points_mm: (V, 3) in the camera frame; edges are clipped at the near plane, so a shaft that
-    passes next to the camera is handled. None if the mesh is out of view.
-    """
-    start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (_NEAR_MM - start[:, 2]) / (end[:, 2] - start[:, 2])
-    crossing = (start[:, 2] - _NEAR_MM) * (end[:, 2] - _NEAR_MM) < 0
-    cuts = start[crossing] + share[crossing, None] * (end[crossing] - start[crossing])
-    visible = np.concatenate([points_mm[points_mm[:, 2] >= _NEAR_MM], cuts])
-    if not len(visible):
-        return None
-    hull = cv2.convexHull(camera.project(visible).astype(np.float32))
-    width, height = camera.width, camera.height
-    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
-    # Far corners would be drawn some pixels off: OpenCV fills polygons with integer corners.
-    area, outline = cv2.intersectConvexConvex(hull, frame)
-    return np.asarray(outline, dtype=np.float32).reshape(-1, 2) if area > 0 else None

@@ -1,10 +1,11 @@
-"""Lens geometry: the cameras of a set, and the mapping of a pinhole image to them.
+"""The lens: the cameras of a set, the mapping of a pinhole's image to them, and effects on images.
 
 Blender renders with a pinhole camera. Distortion and a circular field of view are applied to its
 image, to colours and masks alike. The background is a photo and stays unchanged.
 """
 
 from dataclasses import replace
+from itertools import product
 from math import ceil
 
 import cv2
@@ -13,7 +14,13 @@ from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
+from shaftpose.core.images import decode_rgb, encode_jpeg
+from shaftpose.core.random_streams import streams
+from shaftpose.rendering.scene import Lens
 from shaftpose.settings.schema import RenderSettings
+
+_CLEAN = Lens(blur_px=0.0, haze=0.0, vignette=0.0, noise=0.0)
+_HAZE_COLOUR = np.array([214, 208, 204], dtype=np.float32)
 
 
 def camera_with(settings: RenderSettings, k1: float, k2: float) -> Camera:
@@ -75,3 +82,63 @@ def seen_by(
     colours = cv2.remap(linear, u, v, cv2.INTER_LINEAR)
     objects = cv2.remap(index.astype(np.int16), u, v, cv2.INTER_NEAREST)
     return np.asarray(colours, dtype=np.float32), objects.astype(np.int64)
+
+
+def apply_lens(
+    rgb: NDArray[np.uint8],
+    lens: Lens,
+    sensor_seed: int,
+    shown: NDArray[np.bool_] | None = None,
+) -> NDArray[np.uint8]:
+    """Apply haze, vignette, defocus, motion blur, black outside of `shown` (H, W), sensor noise and
+    JPEG compression, in that order. Nothing moves, so boxes, masks and poses stay valid. Without
+    any effect the image is returned unchanged."""
+    if lens == _CLEAN and shown is None:
+        return rgb
+    stream = streams(sensor_seed)
+    image = rgb.astype(np.float32)
+    image += lens.haze * _smoke(stream("smoke"), rgb.shape[0])[..., None] * (_HAZE_COLOUR - image)
+    image *= _vignette(rgb.shape[0], lens.vignette)[..., None]
+    if lens.blur_px > 0:
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), lens.blur_px), dtype=np.float32)
+    if any(lens.motion_px):
+        image = np.asarray(
+            cv2.filter2D(image, -1, _motion_kernel(*lens.motion_px)), dtype=np.float32
+        )
+    if shown is not None:
+        image[~shown] = 0
+    image += lens.noise * stream("noise").standard_normal(image.shape, dtype=np.float32)
+    seen = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return seen if lens.jpeg_quality is None else _compressed(seen, lens.jpeg_quality)
+
+
+def _motion_kernel(right_px: float, down_px: float) -> NDArray[np.float32]:
+    """A straight line through the kernel's centre, so nothing moves on the whole; its sum is 1."""
+    half = ceil(max(abs(right_px), abs(down_px)) / 2) + 1
+    steps = np.linspace(-0.5, 0.5, 16 * half + 1)
+    u, v = half + steps * right_px, half + steps * down_px
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.float32)
+    for column, row in product((0, 1), repeat=2):
+        x, y = np.floor(u).astype(int) + column, np.floor(v).astype(int) + row
+        np.add.at(kernel, (y, x), (1 - np.abs(u - x)) * (1 - np.abs(v - y)))
+    return kernel / kernel.sum()
+
+
+def _compressed(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    return np.asarray(decode_rgb(encode_jpeg(rgb, quality)), dtype=np.uint8)
+
+
+def _smoke(rng: np.random.Generator, size_px: int) -> NDArray[np.float32]:
+    """Density (size, size) in [0, 1] of smoke: two octaves of smooth noise."""
+    coarse = cv2.resize(rng.random((4, 4), dtype=np.float32), (size_px, size_px),
+                        interpolation=cv2.INTER_CUBIC)  # fmt: skip
+    fine = cv2.resize(rng.random((9, 9), dtype=np.float32), (size_px, size_px),
+                      interpolation=cv2.INTER_CUBIC)  # fmt: skip
+    return np.clip(0.7 * coarse + 0.3 * fine, 0, 1)
+
+
+def _vignette(size_px: int, strength: float) -> NDArray[np.float32]:
+    """Factor (size, size): 1 at the centre, 1 - strength in the corners."""
+    axis = np.linspace(-1, 1, size_px, dtype=np.float32)
+    squared_radius = (axis[:, None] ** 2 + axis[None] ** 2) / 2
+    return 1 - np.float32(strength) * squared_radius**2

@@ -4,15 +4,22 @@ Each render has a fixed cost, and each pixel costs time, even an empty one. A re
 split where that saves more pixels than one more render costs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.geometry import Array, Camera
 from shaftpose.core.masks import mask_box
+from shaftpose.rendering.meshes import Mesh
 
 Mask = NDArray[np.bool_]
+
+# Margin of the rendered region: the pixel filter reaches beyond a mesh's edge.
+_MARGIN_PX = 3
+_NEAR_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -28,6 +35,45 @@ class Region:
     def slices(self) -> tuple[slice, slice]:
         """Rows and columns, for indexing an (H, W) array."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
+
+
+def touched_pixels(camera: Camera, bodies: Iterable[tuple[Mesh, Array]]) -> Mask:
+    """Mask (H, W) of pixels that one of the bodies may touch, plus a margin.
+
+    bodies: meshes, and the matrix (4, 4) from each one's frame to the camera's.
+    """
+    touched = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    for mesh, matrix in bodies:
+        points = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+        outline = projected_outline(camera, points, mesh.edges)
+        if outline is not None:
+            cv2.fillConvexPoly(touched, np.floor(outline).astype(np.int32), (1,))
+    margin = np.ones((2 * _MARGIN_PX + 1, 2 * _MARGIN_PX + 1), dtype=np.uint8)
+    return np.asarray(cv2.dilate(touched, margin), dtype=bool)
+
+
+def projected_outline(
+    camera: Camera, points_mm: Array, edges: NDArray[np.int64]
+) -> NDArray[np.float32] | None:
+    """Corners (N, 2), px, of a mesh's projected convex hull, clipped to the image.
+
+    points_mm: (V, 3) in the camera frame; edges are clipped at the near plane, so a shaft that
+    passes next to the camera is handled. None if the mesh is out of view.
+    """
+    start, end = points_mm[edges[:, 0]], points_mm[edges[:, 1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (_NEAR_MM - start[:, 2]) / (end[:, 2] - start[:, 2])
+    crossing = (start[:, 2] - _NEAR_MM) * (end[:, 2] - _NEAR_MM) < 0
+    cuts = start[crossing] + share[crossing, None] * (end[crossing] - start[crossing])
+    visible = np.concatenate([points_mm[points_mm[:, 2] >= _NEAR_MM], cuts])
+    if not len(visible):
+        return None
+    hull = cv2.convexHull(camera.project(visible).astype(np.float32))
+    width, height = camera.width, camera.height
+    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
+    # Far corners would be drawn some pixels off: OpenCV fills polygons with integer corners.
+    area, outline = cv2.intersectConvexConvex(hull, frame)
+    return np.asarray(outline, dtype=np.float32).reshape(-1, 2) if area > 0 else None
 
 
 def cover(mask: Mask, render_px: float) -> list[Region]:
