@@ -107,8 +107,8 @@ def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
     jitter, *others = images.transforms
     assert isinstance(jitter, ColourJitter)
     assert others == ([UniformNoise(noise)] if noise else [])
-    assert images.real_share == (pytest.approx(2 / 11) if real else 0)
-    assert (len(images.real) if images.real is not None else 0) == real
+    assert images.mixed_in_share == (pytest.approx(2 / 11) if real else 0)
+    assert (0 if images.mixed_in is None else len(images.mixed_in)) == real
 
 
 def test_colours_change_as_the_settings_say(folder: Path) -> None:

@@ -10,17 +10,19 @@ from torch import Tensor
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import UNKNOWN, Annotations
 
-LabelledImage = tuple[Image, Annotations]
+LabelledImage = tuple[Image, Annotations]  # boxes and tips in px of the image
 
 
 class Targets(NamedTuple):
     """The instruments of a batch, padded to G per image.
 
-    boxes: (B, G, 4) float `x0, y0, x1, y1` in units of the image's side; poses: (B, G, 5) float mm
-    and deg; valid: (B, G) bool, False for padding; has_pose: (B,) bool, False for real images;
-    instances: (B, H, W) uint8, instrument number of each pixel, from 1, or 0 for background, or
-    `UNKNOWN`; None if the network does not learn masks. tips_px: (B, G, 2) float, tips in images
-    without poses, NaN where they are unknown; None if they are unknown in all.
+    boxes: (B, G, 4) float, x0, y0, x1, y1 in units of the image's side.
+    poses: (B, G, 5) float, mm and deg.
+    valid: (B, G) bool, False for padding.
+    has_pose: (B,) bool, False for images without poses.
+    instances: (B, H, W) uint8, each pixel's instrument number, from 1, 0 for background, or
+    `UNKNOWN`; None if the network does not learn masks.
+    tips_px: (B, G, 2) float, tips in images without poses, NaN where unknown; None if all are.
     """
 
     boxes: Tensor
@@ -39,7 +41,7 @@ class Batch(NamedTuple):
 
 
 def pad_batch(items: Sequence[LabelledImage]) -> Batch:
-    """Stack images and pad their instruments, to at least one so that no dimension is 0."""
+    """Stack images (S, S, 3) and pad their instruments to the largest number, at least one."""
     places = max(1, *(len(annotations.boxes) for _, annotations in items))
     boxes = np.zeros((len(items), places, 4), dtype=np.float32)
     poses = np.zeros((len(items), places, 5), dtype=np.float32)
@@ -63,7 +65,7 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
 
 
 def _stacked_instances(items: Sequence[LabelledImage]) -> Tensor | None:
-    """Instrument maps (B, H, W) uint8, `UNKNOWN` for images without one; None if all lack it."""
+    """Instrument maps (B, H, W), `UNKNOWN` for images without a map; None if no image has one."""
     if all(known.instances is None for _, known in items):
         return None
     unknown = np.full(items[0][0].shape[:2], UNKNOWN, dtype=np.uint8)
@@ -72,7 +74,7 @@ def _stacked_instances(items: Sequence[LabelledImage]) -> Tensor | None:
 
 
 def _padded_tips(items: Sequence[LabelledImage], places: int) -> Tensor | None:
-    """Tips (B, G, 2) px of images without poses; None if no image has any."""
+    """Tips (B, G, 2) px, NaN for padding; None if no image has any."""
     if all(known.tips_px is None for _, known in items):
         return None
     tips = np.full((len(items), places, 2), np.nan, dtype=np.float32)

@@ -10,15 +10,19 @@ from shaftpose.core.instruments import Annotations
 from shaftpose.core.masks import mask_box
 
 _ZOOMS = 0.8, 1.6
-_SHIFT = 0.25  # largest, relative to the side, of the point that comes to the middle
-_LEAST_PX = 100  # of an instrument that stay in view
+_SHIFT = 0.25  # the most by which the centre moves, relative to the side
+_LEAST_PX = 100  # of an instrument, which must stay in view
 _TRIES = 10
 
 
 def random_symmetry(
     rgb: Image, known: Annotations, rng: np.random.Generator
 ) -> tuple[Image, Annotations]:
-    """Apply one of the eight symmetries of a square image (S, S, 3), chosen uniformly."""
+    """Apply one of the eight symmetries of a square image (S, S, 3), chosen uniformly.
+
+    Poses stay exact if the principal point is the image's centre. The scope's lights, left and
+    right of the lens, are mirrored and turned as well.
+    """
     for symmetry in (mirrored_x, mirrored_y, transposed):
         if rng.random() < 0.5:
             rgb, known = symmetry(rgb, known)
@@ -71,11 +75,13 @@ def _changed(
 def random_similarity(
     rgb: Image, known: Annotations, rng: np.random.Generator
 ) -> tuple[Image, Annotations]:
-    """Scale, rotate and shift a square image (S, S, 3); what comes into view is black background.
+    """Scale, rotate and shift a square image (S, S, 3) without poses; the rest becomes black.
 
-    A part of every instrument stays in view, and no tip enters or leaves it: one that entered would
-    lie on black. The image is returned unchanged if ten draws fail to do so, if poses are known, or
-    if `known` does not say which pixels belong to each instrument.
+    A part of every instrument stays in view. No tip enters or leaves it, because one that entered
+    would lie on black. The image is returned unchanged if ten draws fail to do so, if its poses are
+    known, which would not survive a change of scale, or if it lacks an instrument map.
+
+    Few images without poses are at hand, and a network would learn them by heart.
     """
     if known.poses is not None or known.instances is None:
         return rgb, known
@@ -89,7 +95,7 @@ def random_similarity(
 
 
 def _drawn(side: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """A similarity (2, 3) of points in px."""
+    """A random similarity (2, 3) of points in px."""
     zoom = np.exp(rng.uniform(*np.log(_ZOOMS)))
     turn = rng.uniform(0, 2 * np.pi)
     linear = zoom * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -98,13 +104,13 @@ def _drawn(side: int, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _of_indices(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same map of pixel indices: pixel 0 has its centre at 0.5 px."""
+    """The same map for OpenCV, which has the centre of pixel 0 at 0, not at 0.5 px."""
     linear, shift = matrix[:, :2], matrix[:, 2]
     return np.column_stack([linear, shift + linear @ [0.5, 0.5] - 0.5])
 
 
 def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations | None:
-    """The annotations of the changed image; None if a tip or an instrument left or entered."""
+    """The changed annotations; None if a tip enters or leaves the image, or an instrument leaves."""
     assert known.instances is not None
     side = known.instances.shape[0]
     instances = np.asarray(
@@ -125,6 +131,6 @@ def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations
 
 
 def _inside(points: NDArray[np.float64], side: int) -> NDArray[np.bool_]:
-    """Which points (G, 2) lie in the image; unknown ones, NaN, do not."""
+    """Which points (G, 2) lie in the image. Unknown points, which are NaN, do not."""
     inside: NDArray[np.bool_] = np.all((points >= 0) & (points <= side), axis=1)
     return inside

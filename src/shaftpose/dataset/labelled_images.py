@@ -1,20 +1,22 @@
-"""Images with their annotations, rendered or real, read one at a time."""
+"""Sequences of labelled images, each read from its file when it is asked for."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
+from shaftpose.core.images import Image
 from shaftpose.core.instruments import UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import LabelledImage
-from shaftpose.dataset.coco_images import CocoImage, load_square
+from shaftpose.dataset.coco_images import CocoImage, SquareImage, load_square
 
 
 class Images(Dataset[LabelledImage], ABC):
-    """A sequence of labelled images."""
+    """A sequence of labelled images, rendered or not."""
 
     @abstractmethod
     def __len__(self) -> int:
@@ -23,7 +25,10 @@ class Images(Dataset[LabelledImage], ABC):
 
 @dataclass(frozen=True)
 class RenderedImages(Images):
-    """Selected images of a rendered dataset, optionally with each pixel's instrument number."""
+    """Selected images of a rendered dataset, with poses.
+
+    with_instances: whether they state each pixel's instrument number.
+    """
 
     shards: ShardedDataset
     keys: Sequence[str]
@@ -34,20 +39,20 @@ class RenderedImages(Images):
         return len(self.keys)
 
     def __getitem__(self, index: int) -> LabelledImage:
-        """Image `index` with boxes and poses."""
+        """Image `index` and its annotations."""
         key = self.keys[index]
         rgb, known = self.shards.rgb(key), self.shards.annotations(key)
         if not self.with_instances:
             return rgb, known
-        instances = np.zeros(rgb.shape[:2], dtype=np.uint8)
-        for number, mask in enumerate(self.shards.masks(key), 1):
-            instances[mask] = number
-        return rgb, replace(known, instances=instances)
+        return rgb, replace(known, instances=_instance_map(rgb, self.shards.masks(key)))
 
 
 @dataclass(frozen=True)
 class CocoImages(Images):
-    """Real images, with boxes but without poses, optionally with each pixel's instrument number."""
+    """The central squares of COCO's images, without poses.
+
+    with_instances: whether they state each pixel's instrument number.
+    """
 
     images: Sequence[CocoImage]
     size_px: int
@@ -58,22 +63,31 @@ class CocoImages(Images):
         return len(self.images)
 
     def __getitem__(self, index: int) -> LabelledImage:
-        """Image `index` with boxes.
+        """Image `index` and its annotations.
 
-        Where a shaft was left out, pixels are `UNKNOWN` and so are all tips; if a shaft has no
-        mask, all pixels are.
+        If a shaft was left out, its pixels are `UNKNOWN` and all tips are NaN. If a shaft has no
+        mask, all pixels are `UNKNOWN`.
         """
-        sample = load_square(self.images[index], self.size_px)
-        instances = None
-        if self.with_instances:
-            instances = np.zeros(sample.rgb.shape[:2], dtype=np.uint8)
-            for number, mask in enumerate(sample.masks, 1):
-                instances[mask] = number
-            if sample.left_out is not None:
-                instances[sample.left_out] = UNKNOWN
-            if not all(mask.any() for mask in sample.masks):
-                instances[:] = UNKNOWN
-        tips = sample.axes[:, 0]
-        if sample.left_out is not None:
-            tips = np.full_like(tips, np.nan)
-        return sample.rgb, Annotations(sample.boxes, None, instances, tips)
+        square = load_square(self.images[index], self.size_px)
+        tips_px = square.axes[:, 0]
+        if square.left_out is not None:
+            tips_px = np.full_like(tips_px, np.nan)
+        instances = _instances(square) if self.with_instances else None
+        return square.rgb, Annotations(square.boxes, None, instances, tips_px)
+
+
+def _instances(square: SquareImage) -> NDArray[np.uint8]:
+    instances = _instance_map(square.rgb, square.masks)
+    if square.left_out is not None:
+        instances[square.left_out] = UNKNOWN
+    if not all(mask.any() for mask in square.masks):
+        instances[:] = UNKNOWN
+    return instances
+
+
+def _instance_map(rgb: Image, masks: Sequence[NDArray[np.bool_]]) -> NDArray[np.uint8]:
+    """Each pixel's instrument number (H, W), from 1; 0 for background."""
+    instances = np.zeros(rgb.shape[:2], dtype=np.uint8)
+    for number, mask in enumerate(masks, 1):
+        instances[mask] = number
+    return instances

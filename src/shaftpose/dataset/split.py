@@ -1,4 +1,4 @@
-"""Split of the rendered images into training, validation and test part, and its lists."""
+"""Training, validation and test split of the rendered images, and its lists."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_csv
-from shaftpose.core.images import Image
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.settings.schema import SplitSettings
 
@@ -32,11 +32,12 @@ class Split:
 def split_images(sources: Mapping[str, str], settings: SplitSettings, seed: int) -> Split:
     """Split images, given as key -> id of the source background.
 
-    The test part has exactly `settings.test` of the images (rounded); the validation part is cut
-    from the rest. "grouped": no source is in two parts, which with few sources leaves images out;
-    "random": the paper's plain split. Raises InputError if a part would be empty.
+    `settings.test` is the test part's share of the images, `settings.validation` the validation
+    part's share of the rest. Method "grouped" puts no source into two parts, and leaves images out
+    if there are few sources; "random" is the paper's plain split. Raises InputError if a part would
+    be empty.
     """
-    # Random: every image is a group of its own.
+    # In a random split, every image is a group of its own.
     groups = sources if settings.method == "grouped" else {key: key for key in sources}
     rng = np.random.default_rng(seed)
     test_count = round(settings.test * len(sources))
@@ -59,7 +60,7 @@ def _take_groups(
     count: int,
     rng: np.random.Generator,
 ) -> set[str]:
-    """Keys of some whole groups that hold `count` images, or the smallest number above it."""
+    """Keys of randomly chosen whole groups with `count` images, or as few more as possible."""
     members: dict[str, list[str]] = {}
     for key in keys:
         members.setdefault(groups[key], []).append(key)
@@ -77,7 +78,8 @@ def _take_groups(
 
 
 def subset_with_sum(sizes: Sequence[int], target: int) -> list[int] | None:
-    """Indices of sizes that add up to `target`, or None (subset sum; a bit set per prefix)."""
+    """Indices of sizes that add up to `target`, or None: the subset sum problem."""
+    # Bit s of entry n: whether some of the first n sizes add up to s.
     reachable = [1]
     for size in sizes:
         reachable.append((reachable[-1] | reachable[-1] << size) & ((1 << target + 1) - 1))
@@ -99,7 +101,7 @@ def write_split(split: Split, folder: Path) -> None:
 
 
 def read_keys(folder: Path, part: str) -> list[str]:
-    """The keys of one split. Raises InputError naming the file if it is missing or empty."""
+    """The keys of one part. Raises InputError naming the file if it is missing or empty."""
     path = folder / f"{part}.csv"
     if not path.is_file():
         raise InputError(f"{path}: no such list; run `dvc repro split`")
@@ -110,7 +112,7 @@ def read_keys(folder: Path, part: str) -> list[str]:
     return keys
 
 
-def first_images(images: Path, lists: Path, part: str, count: int) -> Image:
-    """The first images (N, 299, 299, 3) uint8 of one split."""
+def first_images(images: Path, lists: Path, part: str, count: int) -> NDArray[np.uint8]:
+    """The first images (N, S, S, 3) of one part, from the shards in `images`."""
     shards = ShardedDataset(images)
     return np.stack([shards.rgb(key) for key in read_keys(lists, part)[:count]])

@@ -1,4 +1,4 @@
-"""The images of a training run, in order: rendered and real ones, augmented."""
+"""The images of a training run in order, mixed, shuffled and augmented."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ Transform = Callable[[Image, np.random.Generator], Image]
 
 @dataclass(frozen=True)
 class SkippedImages:
-    """A file with one line for each damaged image.
+    """The file in which a training records the damaged images that it skips, one in a line.
 
     The loader processes of all ranks add to it, and so does a resumed training.
     """
@@ -45,16 +45,19 @@ class SkippedImages:
 class TrainingStream(Images):
     """The images of a whole training run, in order: item n depends on `(seed, n)` alone.
 
-    Rendered images are reshuffled in each pass; a share `real_share` of the items, evenly spread,
-    are real images. With `symmetries`, each image is randomly mirrored and turned, and scaled as
-    well if its poses are unknown. A run that stops at item n can resume there.
-    If `skipped` is given, it records damaged images and the next image replaces each of them.
-    Raises InputError naming the damaged image otherwise, or the last one if all are damaged.
+    A run that stops at item n can therefore resume there. Images are reshuffled in each pass.
+
+    mixed_in: images without poses, a share `mixed_in_share` of the items, evenly spread.
+    length: number of items.
+    skipped: records each damaged image, which the next one replaces. None: a damaged image raises
+    an InputError that names it. It is also raised if all images are damaged.
+    symmetries: whether images are randomly mirrored and turned by quarters, and those without poses
+    also scaled, rotated and shifted.
     """
 
     rendered: Images
-    real: Images | None
-    real_share: float
+    mixed_in: Images | None
+    mixed_in_share: float
     transforms: Sequence[Transform]
     length: int
     seed: int
@@ -64,19 +67,19 @@ class TrainingStream(Images):
     @property
     def different_images(self) -> int:
         """The number of images, not counting repetitions."""
-        return len(self.rendered) + (len(self.real) if self.real is not None else 0)
+        return len(self.rendered) + (0 if self.mixed_in is None else len(self.mixed_in))
 
     def __len__(self) -> int:
         """The number of images in the run, counting repetitions."""
         return self.length
 
     def __getitem__(self, n: int) -> LabelledImage:
-        """Item n, after the transforms."""
-        real_before = int(n * self.real_share)
-        if self.real is not None and int((n + 1) * self.real_share) > real_before:
-            rgb, annotations = self._draw(self.real, real_before)
+        """Item n, augmented."""
+        mixed_in_before = int(n * self.mixed_in_share)
+        if self.mixed_in is not None and int((n + 1) * self.mixed_in_share) > mixed_in_before:
+            rgb, annotations = self._draw(self.mixed_in, mixed_in_before)
         else:
-            rgb, annotations = self._draw(self.rendered, n - real_before)
+            rgb, annotations = self._draw(self.rendered, n - mixed_in_before)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
         if self.symmetries:
             rgb, annotations = random_symmetry(rgb, annotations, rng)
@@ -105,4 +108,5 @@ def _shuffled(seed: int, number: int, count: int) -> int:
 
 @lru_cache(maxsize=4)
 def _order(seed: int, turn: int, count: int) -> NDArray[np.int64]:
+    """The order of `count` items in pass `turn`."""
     return np.random.default_rng(np.random.SeedSequence([seed, turn, count])).permutation(count)

@@ -67,10 +67,13 @@ def training_data(
     """
     settings, size, variant = recipe.training, recipe.size, recipe.variant
     shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
+    mixed_in = None
+    if variant.real_share > 0:
+        mixed_in = mixed_in_images(recipe.camera.size_px, with_instances)
     stream = TrainingStream(
         rendered=RenderedImages(shards, read_keys(lists, "train"), with_instances),
-        real=real_images(recipe.camera.size_px, with_instances) if variant.real_share > 0 else None,
-        real_share=variant.real_share,
+        mixed_in=mixed_in,
+        mixed_in_share=variant.real_share,
         transforms=transforms(settings.augmentation, variant.noise),
         length=size.steps * size.batch_size,
         seed=recipe.seed,
@@ -81,8 +84,8 @@ def training_data(
     return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
 
 
-def real_images(side_px: int, with_instances: bool) -> CocoImages:
-    """The training part of the real, or stand-in, images."""
+def mixed_in_images(side_px: int, with_instances: bool) -> CocoImages:
+    """The training images without poses, real or a stand-in."""
     return CocoImages(read_coco(Path("data/real/train.json")), side_px, with_instances)
 
 
