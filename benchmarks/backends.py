@@ -19,7 +19,7 @@ from benchmarks.inference import FILM, ROOT, Run, times
 from benchmarks.machine import machine
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
-from shaftpose.export.eight_bits import quantise
+from shaftpose.export.compression import quantise
 from shaftpose.export.onnx_export import export_onnx
 from shaftpose.inference.backends import open_network, openvino_core
 from shaftpose.inference.model_files import DEFAULT, bundled_model

@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from shaftpose.dataset.split import first_images
-from shaftpose.export.model_file import export_model
+from shaftpose.export.checked_export import export_model, store_thresholds
 from shaftpose.network.building import trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
@@ -21,8 +21,10 @@ def main(settings: Settings) -> None:
     out, training = settings.out, settings.model_folder
     out.mkdir(parents=True, exist_ok=True)
     network = trained_network(settings.variant, training / "model.ckpt")
-    images = first_images(Path("data/render/images"), Path("data/split"), "test", PARITY_IMAGES)
+    rendered, lists = Path("data/render/images"), Path("data/split")
+    images = first_images(rendered, lists, "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
+    store_thresholds(out / "model.onnx", rendered, lists)
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id, path = read_training(training).training_id, out / "model.onnx"
     log_model(training_id, settings.variant.name, path, images[:1])

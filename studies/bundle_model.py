@@ -21,7 +21,7 @@ from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Evaluation, Silhouettes
-from shaftpose.export.half_weights import with_half_weights
+from shaftpose.export.compression import with_half_weights
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import (
     CARD_SUFFIX,
@@ -119,11 +119,11 @@ def store(exported: Path, folder: Path, name: str) -> Path:
     folder.mkdir(parents=True)
     path = folder / f"{name}.onnx"
     model = with_half_weights(onnx.load(str(exported)))
-    facts = ModelMetadata.from_text({entry.key: entry.value for entry in model.metadata_props})
-    if facts.edge_reader is not None:
-        reader = with_half_weights(onnx.ModelProto.FromString(facts.edge_reader))
-        facts = replace(facts, edge_reader=reader.SerializeToString())
-    onnx.helper.set_model_props(model, facts.as_text())
+    metadata = ModelMetadata.from_text({entry.key: entry.value for entry in model.metadata_props})
+    if metadata.edge_reader is not None:
+        reader = with_half_weights(onnx.ModelProto.FromString(metadata.edge_reader))
+        metadata = replace(metadata, edge_reader=reader.SerializeToString())
+    onnx.helper.set_model_props(model, metadata.as_text())
     onnx.save(model, str(path))
     (folder / f"{name}{CHECKSUM_SUFFIX}").write_bytes(checksum(path))
     return path

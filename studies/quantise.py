@@ -14,7 +14,7 @@ from shaftpose.core.files import new_file
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import first_images, read_keys
-from shaftpose.export.eight_bits import quantise
+from shaftpose.export.compression import quantise
 from shaftpose.inference.predictor import Predictor
 from shaftpose.training.data_identity import rendered_digest
 from studies.evaluate_trainings import check

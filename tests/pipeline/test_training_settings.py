@@ -14,7 +14,7 @@ from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
 from shaftpose.dataset.split import first_images, read_keys
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream
-from shaftpose.export.model_file import validated_confidence
+from shaftpose.export.checked_export import validated_confidence
 from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.network.building import initial_network
 from shaftpose.network.pose_network import PoseNetwork
@@ -141,10 +141,11 @@ def test_each_part_of_the_split_has_its_use(folder: Path, monkeypatch: pytest.Mo
     seen: list[str] = []
     image = np.zeros((299, 299, 3), dtype=np.uint8)
     monkeypatch.setattr(ShardedDataset, "rgb", lambda _, key: seen.append(key) or image)
-    validated_confidence(Blind())  # type: ignore[arg-type]
+    images = folder / "data/render/images"
+    validated_confidence(Blind(), images, lists)  # type: ignore[arg-type]
     assert seen == read_keys(lists, "validation")
     seen.clear()
-    first_images(folder / "data/render/images", lists, "test", 1)
+    first_images(images, lists, "test", 1)
     assert seen == read_keys(lists, "test")[:1]
 
 

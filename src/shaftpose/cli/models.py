@@ -15,7 +15,7 @@ def run(_options: argparse.Namespace) -> None:
         print(f"name: {name}")
         print(f"file: {path}, {path.stat().st_size / 1e6:.1f} MB, SHA-256 as recorded")
         print(f"image: {predictor.side_px} x {predictor.side_px} px")
-        facts = replace(predictor.metadata, edge_reader=None)  # a second model, no text
-        for key, value in facts.as_text().items():
+        metadata = replace(predictor.metadata, edge_reader=None)  # a second model, no text
+        for key, value in metadata.as_text().items():
             print(f"{key}: {value}")
         print(f"\n{path.with_suffix(CARD_SUFFIX).read_text()}")

@@ -67,10 +67,10 @@ def edge_reader_bytes(reader: nn.Module) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def store_metadata(path: Path, facts: ModelMetadata) -> None:
-    """Store facts in the metadata of an exported file."""
+def store_metadata(path: Path, metadata: ModelMetadata) -> None:
+    """Replace the metadata of an exported file."""
     model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, facts.as_text())
+    onnx.helper.set_model_props(model, metadata.as_text())
     with new_file(path) as part:
         onnx.save(model, str(part), format="protobuf")
 

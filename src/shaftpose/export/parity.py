@@ -24,20 +24,21 @@ MASK_TOLERANCE = 0.001
 EDGE_TOLERANCE = 0.001  # columns, and logarithms
 _STRIPS = 16
 TIE = 1e-4
-# Share of detections whose pose classes may differ in the file: rounding decides between equal
-# logits. An untrained network had 0.2 %.
+# Share of detections whose pose classes may differ, because rounding decides between equal logits.
+# An untrained network had 0.2 %.
 JUMPS = 0.01
 
 
 @dataclass(frozen=True)
 class Parity:
-    """Counts of detections, and the largest differences of those on both sides; mm and deg.
+    """Counts of detections by PyTorch and by the file, and the largest differences between both.
 
-    detections: those of PyTorch; missing: those that the file lacks; extra: those only in the file;
-    tied: those on one side only because rounding decided between equal scores; jumped: those whose
-    poses differ by more than the tolerance, of which `jumps_allowed` are accepted; mask: of the
-    probabilities of a shaft, None without a mask; edge: of the edge reader's offsets, in columns of
-    its strips, and of the logarithms of their errors, None without one.
+    detections: of PyTorch. missing: without a counterpart in the file. extra: only in the file.
+    tied: on one side alone, because rounding decided between equal scores. jumped: with poses that
+    differ by more than the tolerance; `jumps_allowed` are accepted. score, box_px, pose (mm or
+    deg): largest differences of detections on both sides. mask: largest difference of the
+    probabilities of a shaft; None without a mask. edge: of the edge reader's offsets, in columns of
+    its strips, and of the logarithms of their errors; None without an edge reader.
     """
 
     images: int
@@ -114,12 +115,12 @@ def mask_difference(
 
 
 def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
-    """The largest difference between what a reader and its file say of random strips."""
+    """The largest difference between the outputs of a reader and of its file for random strips."""
     strips = np.random.default_rng(0).uniform(-1, 1, (_STRIPS, ROWS, COLUMNS, 3)).astype(np.float32)
     with torch.inference_mode():
         expected = reader.cpu().eval()(torch.from_numpy(strips.transpose(0, 3, 1, 2)))
     pairs = zip(expected, edges.read(strips), strict=True)
-    return float(np.max([np.abs(one.numpy() - other) for one, other in pairs]))  # NaN if any is
+    return float(np.max([np.abs(one.numpy() - other) for one, other in pairs]))  # NaN if one is NaN
 
 
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:

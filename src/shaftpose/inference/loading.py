@@ -82,21 +82,21 @@ def _check_choice(option: str, value: str, choices: Sequence[str]) -> None:
 
 def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool) -> list[str]:
     """Sentences about what the user has to state before millimetres are metric."""
-    facts, unknown = predictor.metadata, []
-    if facts.distorted:
+    metadata, unknown = predictor.metadata, []
+    if metadata.distorted:
         unknown.append(
             "The model was trained with lens distortion: its poses hold for that lens alone, "
             "which none of the options can state."
         )
     elif camera_unknown:
         unknown.append(
-            f"The model was trained for a camera of {facts.view_deg:g} deg: state yours "
+            f"The model was trained for a camera of {metadata.view_deg:g} deg: state yours "
             "(--camera or --view-deg)."
         )
     # An instrument from a CAD file has no diameter: the model knows no other instrument.
-    if diameter_unknown and facts.shaft_diameter_mm is not None:
+    if diameter_unknown and metadata.shaft_diameter_mm is not None:
         unknown.append(
-            f"It was trained for shafts of {facts.shaft_diameter_mm:g} mm: state yours "
+            f"It was trained for shafts of {metadata.shaft_diameter_mm:g} mm: state yours "
             "(--diameter-mm)."
         )
     return unknown

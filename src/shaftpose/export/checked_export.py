@@ -1,4 +1,4 @@
-"""Export of a trained network to one ONNX file, checked against the network."""
+"""Export of a trained network to one ONNX file that has been checked against it."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from shaftpose.metrics.detection.average_precision import precision_recall
 from shaftpose.metrics.detection.operating_point import best_confidence
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork
+from shaftpose.settings.choices import Refinement
 from shaftpose.settings.schema import DetectionSettings, RenderSettings
 
 
@@ -30,35 +31,50 @@ def export_model(
     images: NDArray[np.uint8],
     out: Path,
 ) -> Parity:
-    """Write `model.onnx` and `parity.json` to `out`.
+    """Write `model.onnx`, still without confidence thresholds, and `parity.json` to `out`.
 
-    images: (N, 299, 299, 3) uint8, to compare file and network on; rendering: settings of the
-    training images, whose camera and shaft are stored in the file. The file's thresholds are chosen
-    on the validation images of data/render/images. Raises InputError if file and network differ.
+    images: (N, 299, 299, 3) uint8, on which file and network are compared. rendering: settings of
+    the training images, whose camera and shaft are stored in the file. Raises InputError if file
+    and network differ.
     """
     detector, path = ShaftDetector(network, limits), out / "model.onnx"
     export_onnx(detector, path, network.side_px)
-    reader = network.edge_reader() if isinstance(network, MaskNetwork) else None
-    stored = None
     parity = _parity(detector, Predictor(path), images)
-    if reader is not None:
-        stored = edge_reader_bytes(reader)
+    reader = network.edge_reader() if isinstance(network, MaskNetwork) else None
+    stored = None if reader is None else edge_reader_bytes(reader)
+    if reader is not None and stored is not None:
         parity = replace(parity, edge=edge_difference(reader, LearnedEdges(stored)))
     write_json(out / "parity.json", asdict(parity))
     if not parity.holds:
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
-    facts = _facts(rendering, stored)
-    store_metadata(path, facts)
-    alone, *fitting = raw_and_refined_predictors(path, "mask" if stored is None else "edges")
-    facts = replace(facts, confidence=validated_confidence(alone))
-    for fit in fitting:
-        facts = replace(facts, fit_confidence=validated_confidence(fit))
-    store_metadata(path, facts)
+    store_metadata(path, _metadata(rendering, stored))
     return parity
 
 
+def store_thresholds(path: Path, images: Path, lists: Path) -> None:
+    """Choose the confidence thresholds of a model on validation images, and store them in its file.
+
+    images: a folder of shards; lists: the folder of their split.
+    """
+    metadata = Predictor(path, "none").metadata
+    refine: Refinement = "mask" if metadata.edge_reader is None else "edges"
+    raw, *refined = raw_and_refined_predictors(path, refine)
+    metadata = replace(metadata, confidence=validated_confidence(raw, images, lists))
+    for predictor in refined:
+        best = validated_confidence(predictor, images, lists)
+        metadata = replace(metadata, fit_confidence=best)
+    store_metadata(path, metadata)
+
+
+def validated_confidence(predictor: Predictor, images: Path, lists: Path) -> float:
+    """The confidence threshold with the best F1 on validation images; see `store_thresholds`."""
+    keys = read_keys(lists, "validation")
+    found, known = predict_shards(predictor, ShardedDataset(images), keys)
+    return best_confidence(precision_recall(found, known))
+
+
 def _parity(detector: ShaftDetector, predictor: Predictor, images: NDArray[np.uint8]) -> Parity:
-    """How far the outputs of the file are from those of the network."""
+    """The differences between the outputs of the file and of the network."""
     network = detector.network
     parity = check_parity(detector, predictor, images, continuous=network.continuous)
     if isinstance(network, MaskNetwork):
@@ -66,8 +82,8 @@ def _parity(detector: ShaftDetector, predictor: Predictor, images: NDArray[np.ui
     return parity
 
 
-def _facts(rendering: RenderSettings, edge_reader: bytes | None) -> ModelMetadata:
-    """What the file states, still without thresholds."""
+def _metadata(rendering: RenderSettings, edge_reader: bytes | None) -> ModelMetadata:
+    """The metadata of a file without thresholds."""
     shaft, lens = rendering.shaft, rendering.lens.distortion
     return ModelMetadata(
         view_deg=rendering.camera.view_deg,
@@ -78,10 +94,3 @@ def _facts(rendering: RenderSettings, edge_reader: bytes | None) -> ModelMetadat
         distorted=any((*lens.k1, *lens.k2)),
         edge_reader=edge_reader,
     )
-
-
-def validated_confidence(predictor: Predictor) -> float:
-    """The confidence threshold with the best F1 on the validation images."""
-    shards = ShardedDataset(Path("data/render/images"))
-    found, known = predict_shards(predictor, shards, read_keys(Path("data/split"), "validation"))
-    return best_confidence(precision_recall(found, known))
