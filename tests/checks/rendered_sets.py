@@ -11,8 +11,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from shaftpose.checks.image_checks import Body
-from shaftpose.checks.set_checks import CheckedShard, ExpectedSet, check_shard
+from shaftpose.checks.expected_sets import Body, ExpectedSet
+from shaftpose.checks.set_checks import CheckedShard, check_shard
 from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name

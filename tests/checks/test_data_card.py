@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from shaftpose.checks.checked_image import CheckedImage, CheckedShaft
 from shaftpose.checks.data_card import LABELS, quantities, ranges, statistics, to_markdown
-from shaftpose.checks.image_facts import ImageFacts, ShaftFacts
 from tests.checks.rendered_sets import settings
 
 
-def shaft(x_mm: float, iou: float | None, occluded: float | None = None) -> ShaftFacts:
-    return ShaftFacts(
+def shaft(x_mm: float, iou: float | None, occluded: float | None = None) -> CheckedShaft:
+    return CheckedShaft(
         x_mm=x_mm, y_mm=0.0, z_mm=20.0, pitch_deg=70.0, yaw_deg=90.0, visible_fraction=1.0,
         box_width_px=50, box_height_px=20, lens_distance_mm=12.0, roughness=0.2,
         occluded_share=occluded, silhouette_iou=iou,
@@ -17,10 +17,10 @@ def shaft(x_mm: float, iou: float | None, occluded: float | None = None) -> Shaf
 
 
 def image(
-    key: str, background: str, tries: int, *shafts: ShaftFacts, crossing: int = 0
-) -> ImageFacts:
+    key: str, background: str, tries: int, *shafts: CheckedShaft, crossing: int = 0
+) -> CheckedImage:
     source = f"source of {background[0]}"
-    return ImageFacts(
+    return CheckedImage(
         key, b"", background, source, 7, 0, tries, crossing, 2000.0, 5000.0, 1.0, shafts
     )
 

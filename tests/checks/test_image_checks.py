@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shaftpose.checks.image_checks import Body, check_image, cylinder_depths, silhouette_ious
+from shaftpose.checks.expected_sets import Body, ExpectedSet
+from shaftpose.checks.image_checks import check_image
 from shaftpose.checks.rendered_image import read_image
-from shaftpose.checks.set_checks import ExpectedSet, find_problems, read_members, refuse
+from shaftpose.checks.set_checks import find_problems, read_members, refuse
+from shaftpose.checks.silhouette_checks import cylinder_depths, silhouette_ious
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import encode_jpeg

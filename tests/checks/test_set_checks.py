@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from shaftpose.checks.expected_sets import ExpectedSet
 from shaftpose.checks.set_checks import (
     MOST_NAMED,
-    ExpectedSet,
     Problem,
     check_sets,
     find_problems,

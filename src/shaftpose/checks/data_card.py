@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from shaftpose.checks.image_facts import ImageFacts
+from shaftpose.checks.checked_image import CheckedImage
 from shaftpose.core.geometry import Array
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.settings.schema import Range, RenderSettings
@@ -51,7 +51,7 @@ def ranges(settings: RenderSettings) -> dict[str, Range]:
     }
 
 
-def quantities(images: Sequence[ImageFacts]) -> dict[str, Array]:
+def quantities(images: Sequence[CheckedImage]) -> dict[str, Array]:
     """The values (N,) of each of QUANTITIES, over N shafts, images or backgrounds in use.
 
     Only plain rods in images without occluders have a silhouette IoU, and only shafts behind
@@ -69,7 +69,7 @@ def quantities(images: Sequence[ImageFacts]) -> dict[str, Array]:
     }
 
 
-def statistics(images: Sequence[ImageFacts]) -> Statistics:
+def statistics(images: Sequence[CheckedImage]) -> Statistics:
     """Counts of a set, its acceptance rate, and the minimum, median and maximum of each quantity.
 
     The acceptance rate is the share of drawn shafts that sampler and renderer kept, without

@@ -25,7 +25,7 @@ _FINITE = ConfigDict(allow_inf_nan=False)
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
-class SceneFacts:
+class SceneFile:
     """The fields of shaft.json that checks use.
 
     seed, index: the seed of the image's set and its number there; rolls_deg: None where no roll is
@@ -65,7 +65,7 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
     "gt_info.json": TypeAdapter(list[ExtentEntry], config=_FINITE),
     "mask.json": TypeAdapter(dict[str, RunLengths]),
     "mask_visib.json": TypeAdapter(dict[str, RunLengths]),
-    "shaft.json": TypeAdapter(SceneFacts),
+    "shaft.json": TypeAdapter(SceneFile),
 }
 
 
@@ -82,7 +82,7 @@ class AnnotatedImage:
     extents: list[ExtentEntry]
     masks: list[NDArray[np.bool_]]
     amodal_masks: list[NDArray[np.bool_]]
-    facts: SceneFacts
+    scene: SceneFile
 
 
 def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
@@ -94,11 +94,11 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
     jpeg = _member(members, "rgb.jpg")
     _check_image(jpeg, size_px)
     parts = {suffix: _parse(_member(members, suffix), suffix) for suffix in _KINDS}
-    facts: SceneFacts = parts["shaft.json"]
+    scene: SceneFile = parts["shaft.json"]
     for suffix in ("gt.json", "gt_info.json", "mask.json", "mask_visib.json"):
-        _agree(len(parts[suffix]), len(facts.shafts), suffix)
-    _agree(len(facts.steels), len(facts.shafts), "shaft.json: steels")
-    _agree(len(facts.rolls), len(facts.shafts), "shaft.json: rolls_deg")
+        _agree(len(parts[suffix]), len(scene.shafts), suffix)
+    _agree(len(scene.steels), len(scene.shafts), "shaft.json: steels")
+    _agree(len(scene.rolls), len(scene.shafts), "shaft.json: rolls_deg")
     return AnnotatedImage(
         jpeg=jpeg,
         camera=parts["camera.json"],
@@ -106,7 +106,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
         extents=parts["gt_info.json"],
         masks=_masks(parts["mask_visib.json"], "mask_visib.json", size_px),
         amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
-        facts=facts,
+        scene=scene,
     )
 
 

@@ -11,34 +11,18 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from shaftpose.checks.image_checks import Body, check_image
-from shaftpose.checks.image_facts import ImageFacts
+from shaftpose.checks.checked_image import CheckedImage
+from shaftpose.checks.expected_sets import ExpectedSet
+from shaftpose.checks.image_checks import check_image
 from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shards import is_whole, render_anew
-from shaftpose.settings.schema import RenderSettings
 
 logger = logging.getLogger(__name__)
 
 MOST_NAMED = 20
 _pose = attrgetter(*POSE_DIMENSIONS)
-
-
-@dataclass(frozen=True)
-class ExpectedSet:
-    """Expected content of a folder of shards.
-
-    body: the instrument's; seed: of the images' random draws; shards: file name -> numbers of its
-    images; backgrounds: file name -> id of its source.
-    """
-
-    folder: Path
-    settings: RenderSettings
-    body: Body
-    seed: int
-    shards: Mapping[str, range]
-    backgrounds: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -58,12 +42,12 @@ class CheckedShard:
     """The readable images of a shard, and its problems."""
 
     path: Path
-    images: tuple[ImageFacts, ...]
+    images: tuple[CheckedImage, ...]
     problems: tuple[Problem, ...]
 
 
-def check_sets(expected: Mapping[str, ExpectedSet], workers: int) -> dict[str, list[ImageFacts]]:
-    """Check sets in `workers` processes; returns the facts of all images by set, in key order.
+def check_sets(expected: Mapping[str, ExpectedSet], workers: int) -> dict[str, list[CheckedImage]]:
+    """Check sets in `workers` processes; returns all images by set, in key order.
 
     Raises InputError if any set has a problem, after logging the first 20.
     """
@@ -112,7 +96,7 @@ def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
     return CheckedShard(path, tuple(images), tuple(problems))
 
 
-def another_origin(facts: ImageFacts, seed: int, number: int) -> list[str]:
+def another_origin(facts: CheckedImage, seed: int, number: int) -> list[str]:
     """Mismatches of seed and index, which show that an image belongs to another set."""
     compared = (("seed", facts.seed, seed), ("index", facts.index, number))
     return [f"{what} = {found}: expected {own}" for what, found, own in compared if found != own]

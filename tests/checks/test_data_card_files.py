@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shaftpose.checks.distributions import BINS, COLUMNS, Distribution, distribution_figure
+from shaftpose.checks.data_card_files import BINS, COLUMNS, Distribution, distribution_figure
 
 
 def heights(axes) -> list[float]:
