@@ -29,10 +29,10 @@ from shaftpose.training.precision import native_precision
 _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}
 # Sizes that a training reads only as images, as the weights that it starts from, or, in the
 # variant's file, as arguments of its network.
-_SIZES_OF_DATA = {
+_SIZES_ELSEWHERE = {
     "sources", "variations", "images", "images_per_shard", "samples", "test_set", "real",
+    "detector_steps", "width", "depth",
 }  # fmt: skip
-_SIZES_ELSEWHERE = {*_SIZES_OF_DATA, "detector_steps", "width", "depth"}
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
 
 
