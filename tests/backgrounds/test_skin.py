@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.noise import Field, lobules, pixel_grid
-from shaftpose.backgrounds.skin import Skin, make_skin, palette
+from shaftpose.backgrounds.skin import Skin, fill_hollows, make_skin, palette
 from shaftpose.backgrounds.tissue import MUCOSA
 from shaftpose.backgrounds.vessels import vessel_trees
 

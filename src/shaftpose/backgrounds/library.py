@@ -11,13 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from shaftpose.backgrounds.tissue import MUCOSA, TissueLook, render_tissue
-from shaftpose.backgrounds.variations import (
-    UNALTERED,
-    Variation,
-    VariationRanges,
-    sample_variation,
-    vary_colour,
-)
+from shaftpose.backgrounds.variations import VariationRanges, sample_variations, vary_colour
 from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_csv
@@ -117,29 +111,9 @@ def write_library(
     rows: list[tuple[str, ...]] = []
     for number, (source, image) in enumerate(tqdm(sources, "backgrounds", total, unit="image")):
         square = centre_square(image, size_px)
-        for variation in _variations(number, variations, ranges, seed):
+        rng = streams(seed, number)("variations")
+        for variation in sample_variations(rng, variations, ranges):
             name = f"{len(rows):06d}.jpg"
-            write_jpeg(_varied(square, variation), out / name, JPEG_QUALITY)
-            rows.append((name, source, *_as_row(variation)))
+            write_jpeg(vary_colour(square, **vars(variation)), out / name, JPEG_QUALITY)
+            rows.append((name, source, *(f"{value:.4f}" for value in vars(variation).values())))
     write_csv(out / INDEX_NAME, INDEX_COLUMNS, rows)
-
-
-def _variations(
-    source_number: int, count: int, ranges: VariationRanges, seed: int
-) -> Iterator[Variation]:
-    rng = streams(seed, source_number)("variations")
-    yield UNALTERED
-    for _ in range(count - 1):
-        yield sample_variation(rng, ranges)
-
-
-def _varied(image: Image, variation: Variation) -> Image:
-    return vary_colour(image, variation.hue_deg, variation.saturation, variation.brightness)
-
-
-def _as_row(variation: Variation) -> tuple[str, str, str]:
-    return (
-        f"{variation.hue_deg:.4f}",
-        f"{variation.saturation:.4f}",
-        f"{variation.brightness:.4f}",
-    )

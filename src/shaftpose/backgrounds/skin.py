@@ -1,11 +1,10 @@
-"""The surface of tissue: colour, fibres, fat, vessels and their fine relief."""
+"""The surface of tissue: colour, fibres, fat, vessels, their fine relief, and fluid on it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.exposure import linear
 from shaftpose.backgrounds.noise import (
     Field,
     Range,
@@ -16,13 +15,14 @@ from shaftpose.backgrounds.noise import (
     smoothstep,
     streaks,
 )
-from shaftpose.backgrounds.vessels import vessel_trees
+from shaftpose.backgrounds.scope import linear
+from shaftpose.backgrounds.vessels import blood, vessel_depths
 
 Colour = tuple[int, int, int]
 Image = NDArray[np.float32]
-# Absorption of blood in the red, green and blue channels.
-SHALLOW_BLOOD = np.array([0.7, 2.1, 1.7], dtype=np.float32)
-DEEP_BLOOD = np.array([0.75, 0.85, 0.45], dtype=np.float32)
+# Absorption of a deep pool in the red, green and blue channels.
+BLOOD = np.array([0.8, 2.9, 3.3], dtype=np.float32)
+MUCUS = np.array([0.05, 0.15, 0.5], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def make_skin(rng: np.random.Generator, size_px: int, tones: Image, look: SkinLo
         colour, lumps = with_fat(rng, colour, linear(np.array(look.fat)))
         bumps = bumps + lumps
     strands = fibres(rng, size_px, grain)
-    vessels = vessel_depths(rng, size_px, grain, look)
+    vessels = vessel_depths(rng, size_px, grain, look.vessel_roots, look.vessel_width)
     # Strands and shallow vessels rise above the surface.
     bumps = bumps + np.float32(0.006) * strands + np.float32(0.002) * vessels[0]
     colour = colour * np.exp(strands)[..., None] * blood(rng, *vessels)
@@ -120,25 +120,14 @@ def fibres(rng: np.random.Generator, size_px: int, grain: float) -> Field:
     return np.asarray(strength * visible * lines, np.float32)
 
 
-def vessel_depths(
-    rng: np.random.Generator, size_px: int, grain: float, look: SkinLook
-) -> tuple[Field, Field]:
-    """Shallow vessels, and deep vessels, which are blurred; (S, S) each."""
-    roots = int(rng.integers(look.vessel_roots[0], look.vessel_roots[1] + 1))
-    width = rng.uniform(*look.vessel_width)
-    shallow = vessel_trees(rng, size_px, roots, width, grain)
-    # A vessel is visible only where it is close to the surface.
-    shallow *= smoothstep(smooth_noise(rng, size_px, 3), -1.4, 0.6)
-    shallow = np.float32(rng.uniform(0.5, 1.4)) * blurred(shallow, rng.uniform(0.001, 0.003))
-    deep = vessel_trees(rng, size_px, 2, 2 * width, grain)
-    return shallow, blurred(deep, rng.uniform(0.004, 0.012))
-
-
-def blood(rng: np.random.Generator, shallow: Field, deep: Field) -> Image:
-    """Share of light (S, S, 3) transmitted by vessels and reddened areas."""
-    size_px = shallow.shape[0]
-    patches = fractal_noise(rng, size_px, rng.uniform(1, 3), octaves=5, gain=0.6)
-    flush = np.float32(0.6 * rng.uniform(0, 1) ** 2) * smoothstep(patches, -1, 2.6)
-    red = (shallow + flush)[..., None] * SHALLOW_BLOOD
-    blue = np.float32(0.5) * deep[..., None] * DEEP_BLOOD
-    return np.asarray(np.exp(-red - blue), np.float32)
+def fill_hollows(rng: np.random.Generator, skin: Skin, height: Field) -> Skin:
+    """`skin` with a fluid in its deepest hollows; the fluid levels the bumps."""
+    size_px = height.shape[0]
+    smears = np.float32(rng.uniform(0.005, 0.03)) * fractal_noise(rng, size_px, 3, gain=0.6)
+    hollow = blurred(height, 0.08) - height - skin.bumps + smears
+    shore = float(np.quantile(hollow[::2, ::2], rng.uniform(0.75, 0.97)))
+    deep = smoothstep(hollow, shore, shore + rng.uniform(0.02, 0.08))
+    absorbed = BLOOD if rng.random() < 0.6 else MUCUS
+    thickness = deep * np.float32(rng.uniform(0.4, 1))
+    colour: Image = skin.colour * np.exp(-thickness[..., None] * absorbed)
+    return Skin(colour, skin.bumps * (1 - np.float32(0.8) * deep))

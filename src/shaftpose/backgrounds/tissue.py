@@ -1,7 +1,7 @@
 """Procedural endoscopic tissue: endoscope images without instruments.
 
-A relief of walls, funnels and folds (`relief`) is covered with tissue (`skin`), lit from the scope
-(`tissue_light`) and seen by its camera (`exposure`). Colours are linear RGB before the camera.
+A relief of walls, funnels and folds (`relief`) is covered with tissue (`skin`), and lit and seen by
+the endoscope (`scope`). Colours are linear RGB before the camera.
 """
 
 from dataclasses import dataclass
@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.exposure import add_highlights, develop, expose, smoke
-from shaftpose.backgrounds.fluid import fill_hollows
 from shaftpose.backgrounds.noise import Range, blurred
 from shaftpose.backgrounds.relief import SURFACES, Relief, make_relief
-from shaftpose.backgrounds.skin import Skin, SkinLook, make_skin, palette
-from shaftpose.backgrounds.tissue_light import scope_light
+from shaftpose.backgrounds.scope import add_highlights, develop, expose, scope_light, smoke
+from shaftpose.backgrounds.skin import Skin, SkinLook, fill_hollows, make_skin, palette
 from shaftpose.core.random_streams import Streams
 
 

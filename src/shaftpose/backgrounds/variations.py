@@ -1,5 +1,6 @@
 """Background augmentation: altered hue, saturation and brightness (paper, II)."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -37,6 +38,15 @@ def sample_variation(rng: np.random.Generator, ranges: VariationRanges) -> Varia
         saturation=rng.uniform(*ranges.saturation),
         brightness=rng.uniform(*ranges.brightness),
     )
+
+
+def sample_variations(
+    rng: np.random.Generator, count: int, ranges: VariationRanges
+) -> Iterator[Variation]:
+    """`count` variations, the first of which changes nothing."""
+    yield UNALTERED
+    for _ in range(count - 1):
+        yield sample_variation(rng, ranges)
 
 
 def vary_colour(

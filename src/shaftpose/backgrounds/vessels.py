@@ -1,17 +1,54 @@
-"""Blood vessels: meandering, tapering trees drawn on a canvas."""
+"""Blood vessels: meandering, tapering trees drawn on a canvas, and the light they absorb."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.backgrounds.noise import Field
+from shaftpose.backgrounds.noise import (
+    Field,
+    Range,
+    blurred,
+    fractal_noise,
+    smooth_noise,
+    smoothstep,
+)
 
 # Vessels are drawn at this scale and shrunk, so that capillaries are thinner than a pixel.
 OVERSAMPLING = 2
 STEP = 0.006
 FINEST_WIDTH = 0.0012
+# Absorption of blood in the red, green and blue channels.
+SHALLOW_BLOOD = np.array([0.7, 2.1, 1.7], dtype=np.float32)
+DEEP_BLOOD = np.array([0.75, 0.85, 0.45], dtype=np.float32)
 # Smoothing kernel of a vessel's bends, in steps.
 BEND = np.hanning(11)[1:-1] / 2
+
+
+def vessel_depths(
+    rng: np.random.Generator, size_px: int, grain: float, roots: tuple[int, int], widths: Range
+) -> tuple[Field, Field]:
+    """Shallow vessels, and deep vessels, which are blurred; (S, S) each.
+
+    roots, widths: ranges of the number and the width of the shallow vessels' roots.
+    """
+    count = int(rng.integers(roots[0], roots[1] + 1))
+    width = rng.uniform(*widths)
+    shallow = vessel_trees(rng, size_px, count, width, grain)
+    # A vessel is visible only where it is close to the surface.
+    shallow *= smoothstep(smooth_noise(rng, size_px, 3), -1.4, 0.6)
+    shallow = np.float32(rng.uniform(0.5, 1.4)) * blurred(shallow, rng.uniform(0.001, 0.003))
+    deep = vessel_trees(rng, size_px, 2, 2 * width, grain)
+    return shallow, blurred(deep, rng.uniform(0.004, 0.012))
+
+
+def blood(rng: np.random.Generator, shallow: Field, deep: Field) -> NDArray[np.float32]:
+    """Share of light (S, S, 3) transmitted by vessels and reddened areas."""
+    size_px = shallow.shape[0]
+    patches = fractal_noise(rng, size_px, rng.uniform(1, 3), octaves=5, gain=0.6)
+    flush = np.float32(0.6 * rng.uniform(0, 1) ** 2) * smoothstep(patches, -1, 2.6)
+    red = (shallow + flush)[..., None] * SHALLOW_BLOOD
+    blue = np.float32(0.5) * deep[..., None] * DEEP_BLOOD
+    return np.asarray(np.exp(-red - blue), np.float32)
 
 
 def vessel_trees(
