@@ -33,13 +33,15 @@ from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import Size
-from shaftpose.training.assembly import build_module, build_trainer, training_data
+from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
+from shaftpose.training.data import DataFolders, training_data
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe, training_recipe
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/results"
+FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 OUT = {"cpu": RESULTS / "train.json", "cuda": RESULTS / "train-gpu.json"}
 VARIANT = "d"
 PROFILES = ("paper", "bench")
@@ -106,7 +108,7 @@ def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[st
     own, speeds = recipe.size, []
     if own.precision not in ("32-true", "bf16-mixed"):
         raise InputError(f"profile {profile}: the step alone is not timed in {own.precision}")
-    images = len(read_keys(Path("data/split"), "train"))
+    images = len(read_keys(FOLDERS.split, "train"))
     for batch_size in BATCHES[device]:
         if batch_size > images:
             break
@@ -192,7 +194,7 @@ def loop_seconds(recipe: Recipe, module: ShaftModule) -> float:
         skipped = SkippedImages(Path(folder) / "skipped_images.txt")
         # Twice the steps: reading continues to the end, as in a training.
         more = replace(recipe, size=replace(sizes, steps=2 * sizes.steps))
-        trainer.fit(module, training_data(more, skipped))
+        trainer.fit(module, training_data(more, FOLDERS, skipped))
     return clock.seconds
 
 
@@ -200,7 +202,7 @@ def first_batch(recipe: Recipe, device: torch.device) -> Batch:
     """The first batch of a training."""
     with tempfile.TemporaryDirectory() as folder:
         skipped = SkippedImages(Path(folder) / "skipped_images.txt")
-        data = training_data(recipe, skipped)
+        data = training_data(recipe, FOLDERS, skipped)
         batches: Iterator[Any] = iter(data.train_dataloader())
         batch: Batch = move_data_to_device(next(batches), device)
     return batch

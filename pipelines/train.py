@@ -11,8 +11,11 @@ from shaftpose.settings.tree import Settings
 from shaftpose.tracking.connection import connect
 from shaftpose.tracking.dvc_lock import locked_hashes
 from shaftpose.tracking.trainings import training_run
+from shaftpose.training.data import DataFolders
 from shaftpose.training.recipe import training_recipe
 from shaftpose.training.run import train
+
+FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 
 
 @stage
@@ -27,7 +30,8 @@ def main(settings: Settings) -> None:
         name, sweep = settings.variant.name, settings.out.parent
         return training_run(training_id, name, parameters, dataset, "data/render", sweep)
 
-    train(training_recipe(settings), Path("data/scratch"), settings.out, settings.profile, tracked)
+    recipe, scratch = training_recipe(settings), Path("data/scratch")
+    train(recipe, FOLDERS, scratch, settings.out, settings.profile, tracked)
 
 
 if __name__ == "__main__":

@@ -68,9 +68,10 @@ def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice:
     Raises InputError, and writes nothing, if the training is not finished and evaluated, or its
     model is too large or loses too much.
     """
-    check(folder, rendered_digest())
+    images, split = Path("data/render/images"), Path("data/split")
+    check(folder, rendered_digest(images, split))
     result, exported = evaluated(folder, results), Predictor(folder / "model.onnx")
-    shards, keys = ShardedDataset(Path("data/render/images")), read_keys(Path("data/split"), "test")
+    shards, keys = ShardedDataset(images), read_keys(split, "test")
     with TemporaryDirectory() as scratch:
         models, frames = Path(scratch) / MODELS, Path(scratch) / FRAMES / name
         stored = Predictor(store(folder / "model.onnx", models, name))

@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--with", nargs="*", default=[], dest="settings", help="Hydra's overrides")
     arguments = parser.parse_args()
     with exit_on_input_error():
-        data = rendered_digest()
+        data = rendered_digest(Path("data/render/images"), Path("data/split"))
         for folder in arguments.folders:
             check(folder, data)
         for folder in arguments.folders:

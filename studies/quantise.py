@@ -36,7 +36,7 @@ def main() -> None:
 
 def eight_bit_model(folder: Path) -> Path:
     """Compare and write. Raises InputError, and writes nothing, if it loses too much."""
-    check(folder, rendered_digest())
+    check(folder, rendered_digest(IMAGES, SPLIT))
     path, out = folder / "model.onnx", folder / "model_8bit.onnx"
     # Without the fit, which does not compute in 8 bits and sometimes ends elsewhere.
     exported, keys = Predictor(path, "none"), evaluated_keys()

@@ -19,16 +19,17 @@ _PLUMBING = tuple(
 )
 
 
-def source_files(modules: Iterable[str]) -> list[Path]:
+def source_files(modules: Iterable[str], without: Iterable[str] = ()) -> list[Path]:
     """The modules' own files and those they import, directly or through others, sorted by name.
 
-    Files outside of the package, and those of modules that compute no results, are left out.
+    Files outside of the package, and those of modules that compute no results, are left out. So are
+    the modules `without`, and those imported through them alone.
     """
     found: set[str] = set()
     new = {name for name in modules if _counts(name)}
-    while new:
+    while new := new - found - set(without):
         found |= new
-        new = {other for name in new for other in _imported(name)} - found
+        new = {other for name in new for other in _imported(name)}
     return [_file(name) for name in sorted(found)]
 
 

@@ -10,7 +10,10 @@ from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
+from shaftpose.training.data import DataFolders
 
+# Where the data are, seen from the folder that holds them.
+FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 SIDE = 299
 PER_SHARD = 6
 

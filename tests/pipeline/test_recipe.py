@@ -9,10 +9,11 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.training import resume
-from shaftpose.training.data_identity import about_data
-from shaftpose.training.recipe import Recipe, code_files, fingerprint
-from shaftpose.training.resume import LAST_CHECKPOINT, kept
+from shaftpose.training.data_identity import data_record
+from shaftpose.training.recipe import Recipe, fingerprint
+from shaftpose.training.resume import LAST_CHECKPOINT, locked_training_folder
 from tests.pipeline.conftest import recipe_with
+from tests.pipeline.small_data import FOLDERS
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def recipe() -> Recipe:
 
 
 def identity(recipe: Recipe) -> str:
-    return fingerprint(recipe, about_data(with_real=False, start=None))
+    return fingerprint(recipe, data_record(FOLDERS, mixed_in=False, start=None))
 
 
 def test_compared_trainings_have_one_camera_and_any_trainer(recipe: Recipe) -> None:
@@ -40,41 +41,25 @@ def with_changes(recipe: Recipe, changed: dict[str, Any]) -> Recipe:
     return replace(recipe, **parts)
 
 
-def test_the_code_of_a_variants_own_network_is_hashed_and_no_other() -> None:
-    """So a change of a head in its own file retrains nothing else."""
-    b, d = ({path.name for path in code_files(recipe_with(f"variant={v}"))} for v in ("b", "d"))
-    assert b - d == {"classification_head.py", "pose_bins.py"}
-    assert d - b == set()
-    assert {
-        "module.py",
-        "muon.py",
-        "loss.py",
-        "inception_v4.py",
-        "average_precision.py",
-    } <= d
-    assert not d & {"cluster.py", "report.py", "trainings.py", "stage.py", "files.py"}
-
-
 @pytest.mark.parametrize(
-    ("name", "with_real"),
+    ("name", "mixed_in"),
     [
         (f"data/render/images/{shard_name(1)}", False),
         ("data/split/train.csv", False),
         ("data/split/validation.csv", False),
-        ("data/real/train.json", True),
         ("data/real/images/1.jpg", True),
     ],
 )
 def test_other_data_make_another_training(
-    inside: Path, recipe: Recipe, name: str, with_real: bool
+    inside: Path, recipe: Recipe, name: str, mixed_in: bool
 ) -> None:
-    before = fingerprint(recipe, about_data(with_real, start=None))
+    before = fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None))
     content = (inside / name).read_bytes()
     (inside / name).write_bytes(content + b" ")
-    after = fingerprint(recipe, about_data(with_real, start=None))
+    after = fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None))
     (inside / name).write_bytes(content)
     assert after != before
-    assert fingerprint(recipe, about_data(with_real, start=None)) == before
+    assert fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None)) == before
 
 
 def test_another_detector_to_start_from_makes_another_training(
@@ -85,21 +70,21 @@ def test_another_detector_to_start_from_makes_another_training(
         path.mkdir()
         (path / "model.ckpt").write_bytes(content)
     prints = [
-        fingerprint(recipe, about_data(False, path / "model.ckpt"))
+        fingerprint(recipe, data_record(FOLDERS, False, path / "model.ckpt"))
         for path in (first, second, copy)
     ]
     assert prints[0] == prints[2] != prints[1]
     assert identity(recipe) not in prints
     with pytest.raises(InputError, match="gone.ckpt: no such detector.*dvc repro detector"):
-        about_data(False, tmp_path / "gone.ckpt")
+        data_record(FOLDERS, False, tmp_path / "gone.ckpt")
 
 
 def test_an_interrupted_training_keeps_its_checkpoint_and_its_id(tmp_path: Path) -> None:
     folder = tmp_path / "training" / "abc"
-    with pytest.raises(KeyError), kept(folder) as first:
+    with pytest.raises(KeyError), locked_training_folder(folder) as first:
         (folder / LAST_CHECKPOINT).touch()
         raise KeyError
-    with kept(folder) as second:
+    with locked_training_folder(folder) as second:
         assert (folder / LAST_CHECKPOINT).exists()
     assert first == second
     assert not (folder / LAST_CHECKPOINT).exists()
@@ -110,8 +95,8 @@ def test_two_processes_do_not_share_a_training(
 ) -> None:
     monkeypatch.setattr(resume, "_PATIENCE_S", 0.0)
     with (
-        kept(tmp_path / "abc"),
+        locked_training_folder(tmp_path / "abc"),
         pytest.raises(InputError, match="abc.lock: another process"),
-        kept(tmp_path / "abc"),
+        locked_training_folder(tmp_path / "abc"),
     ):
         pass

@@ -16,10 +16,12 @@ from lightning import Callback, Trainer, seed_everything
 from torch import Tensor
 
 from shaftpose.dataset.training_stream import SkippedImages
-from shaftpose.training.assembly import build_module, build_trainer, training_data
+from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
+from shaftpose.training.data import training_data
 from shaftpose.training.run import fit
 from tests.pipeline.conftest import ROOT, recipe_with
+from tests.pipeline.small_data import FOLDERS
 
 STEPS, LOG_EVERY = 5, 2
 SIZES = (
@@ -73,7 +75,7 @@ class Training:
         self.trainer.callbacks.insert(0, self.watched)
         self.trainer.log_every_n_steps = LOG_EVERY
         self.module = build_module(recipe)
-        data = training_data(recipe, SkippedImages(folder / "skipped.txt"))
+        data = training_data(recipe, FOLDERS, SkippedImages(folder / "skipped.txt"))
         folder.mkdir(exist_ok=True)
         fit(self.trainer, self.module, data, folder)
 

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,10 @@ from shaftpose.dataset.split import read_keys
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
-from shaftpose.training.data_identity import real_digest, rendered_digest
+from shaftpose.training.data_identity import data_record
 from shaftpose.training.precision import native_precision
 from tests.pipeline.conftest import ROOT, recipe_with
-from tests.pipeline.small_data import write_training_data
+from tests.pipeline.small_data import FOLDERS, write_training_data
 
 SIZES = (
     "profile=smoke", "profiles.smoke.steps=2", "variant.start=null",
@@ -90,8 +91,8 @@ def test_what_a_training_was_on_is_noted(folder: Path, monkeypatch: pytest.Monke
     assert done.returncode == 0, done.stderr
     noted = facts(folder)
     monkeypatch.chdir(folder)
-    assert noted["data"]["digest"] == rendered_digest()
-    assert noted["data"]["mixed_in"] == {"domain": "real", "images": 2, "digest": real_digest()}
+    assert noted["data"] == asdict(data_record(FOLDERS, mixed_in=True, start=None))
+    assert (noted["data"]["mixed_in"]["domain"], noted["data"]["mixed_in"]["images"]) == ("real", 2)
     assert noted["variant"] == recipe_with(*SIZES, "variant=d_noise_real").variant_key()
     assert noted["data"]["start"] is None
     mlflow.set_tracking_uri(f"sqlite:///{folder / 'mlflow.db'}")

@@ -19,10 +19,10 @@ from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.network.building import initial_network
 from shaftpose.network.pose_network import PoseNetwork
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
-from shaftpose.training import assembly
 from shaftpose.training.assembly import build_module
+from shaftpose.training.data import training_data
 from tests.pipeline.conftest import recipe_with, settings_with
-from tests.pipeline.small_data import write_training_data
+from tests.pipeline.small_data import FOLDERS, write_training_data
 
 POSES = ("head.pose", "pose_coder.")
 JITTER = {"brightness": [1, 2], "contrast": [3, 4], "saturation": [5, 6], "hue_deg": [7, 8]}
@@ -38,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def data_of(folder: Path, *overrides: str) -> TrainingData:
     recipe = recipe_with("profile=smoke", "training.loader_workers=0", *overrides)
-    return assembly.training_data(recipe, SkippedImages(folder / "skipped"))
+    return training_data(recipe, FOLDERS, SkippedImages(folder / "skipped"))
 
 
 def stream(data: TrainingData) -> TrainingStream:

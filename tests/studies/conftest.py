@@ -51,9 +51,10 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.chdir(tmp_path)
     write_data(tmp_path)
     trained = with_real("stand-in")
+    digest = rendered_digest(Path("data/render/images"), Path("data/split"))
     trained = replace(
         trained,
-        data=replace(trained.data, digest=rendered_digest()),
+        data=replace(trained.data, digest=digest),
         recipe={**trained.recipe, "poses": POSES},
     )
     # The best detection is right in four of five images.

@@ -1,8 +1,10 @@
 """Values and steps of the validation log, with made-up detections instead of a network."""
 
+import random
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from shaftpose.dataset.batches import Batch, pad_batch
 from shaftpose.metrics.metrics import Metrics, evaluate
 from shaftpose.training.assembly import build_trainer
 from shaftpose.training.curves import Curves
-from shaftpose.training.validation_metrics import LOGGED, annotations
+from shaftpose.training.validation_metrics import LOGGED, ValidationMetrics, annotations
 from tests.pipeline.conftest import recipe_with
 
 SIDE = 299
@@ -158,6 +160,23 @@ def test_the_last_step_is_validated_once(
     logged = curves(tmp_path, FOUND, steps, validate_every)
     assert sorted(logged) == validated
     assert all("mAP" in values for values in logged.values())
+
+
+def test_measuring_draws_no_random_number_and_changes_no_output() -> None:
+    """So weights do not depend on metrics."""
+    metrics, trainer, module = ValidationMetrics(), Mock(), Mock()
+    module.network.side_px = SIDE
+    outputs, batch = padded(FOUND[:BATCH]), next(iter(loader(KNOWN)))
+    before = {name: values.clone() for name, values in outputs.items()}
+    states = torch.get_rng_state(), np.random.get_state()[1], random.getstate()
+    metrics.on_validation_epoch_start(trainer, module)
+    metrics.on_validation_batch_end(trainer, module, outputs, batch, 0)
+    metrics.on_validation_epoch_end(trainer, module)
+    module.log_dict.assert_called_once()
+    assert torch.equal(torch.get_rng_state(), states[0])
+    assert np.array_equal(np.random.get_state()[1], states[1])
+    assert random.getstate() == states[2]
+    assert all(torch.equal(outputs[name], values) for name, values in before.items())
 
 
 def test_images_without_poses_have_none() -> None:

@@ -1,4 +1,4 @@
-"""The parts of a training: its images, its module and Lightning's Trainer."""
+"""The module of a training, and Lightning's Trainer for it."""
 
 import logging
 import signal
@@ -18,15 +18,7 @@ from lightning.pytorch.callbacks import (
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
-from shaftpose.dataset.labelled_images import CocoImages, RenderedImages
-from shaftpose.dataset.split import read_keys
-from shaftpose.dataset.training_data import TrainingData
-from shaftpose.dataset.training_stream import SkippedImages, TrainingStream, Transform
 from shaftpose.network.building import identity, initial_network
-from shaftpose.settings.schema import Augmentation
 from shaftpose.training.curves import Curves
 from shaftpose.training.last_checkpoint import LastCheckpoint
 from shaftpose.training.module import ShaftModule
@@ -56,43 +48,6 @@ def build_module(recipe: Recipe) -> ShaftModule:
         warmup_steps=size.warmup_steps,
         frozen_norm_share=recipe.training.frozen_norm_share,
     )
-
-
-def training_data(
-    recipe: Recipe, skipped: SkippedImages, with_instances: bool = False
-) -> TrainingData:
-    """The images of the run, augmented, with real ones mixed in if the variant has a share of them.
-
-    with_instances: see `RenderedImages`.
-    """
-    settings, size, variant = recipe.training, recipe.size, recipe.variant
-    shards, lists = ShardedDataset(Path("data/render/images")), Path("data/split")
-    mixed_in = None
-    if variant.real_share > 0:
-        mixed_in = mixed_in_images(recipe.camera.size_px, with_instances)
-    stream = TrainingStream(
-        rendered=RenderedImages(shards, read_keys(lists, "train"), with_instances),
-        mixed_in=mixed_in,
-        mixed_in_share=variant.real_share,
-        transforms=transforms(settings.augmentation, variant.noise),
-        length=size.steps * size.batch_size,
-        seed=recipe.seed,
-        skipped=skipped if settings.on_damaged == "skip" else None,
-        symmetries=variant.symmetries,
-    )
-    validation = RenderedImages(shards, read_keys(lists, "validation"), with_instances)
-    return TrainingData(stream, validation, size.batch_size, settings.loader_workers)
-
-
-def mixed_in_images(side_px: int, with_instances: bool) -> CocoImages:
-    """The training images without poses, real or a stand-in."""
-    return CocoImages(read_coco(Path("data/real/train.json")), side_px, with_instances)
-
-
-def transforms(augmentation: Augmentation, noise: int) -> list[Transform]:
-    """Colour jitter for every variant, and noise if the variant has it."""
-    jitter = ColourJitter(**vars(augmentation))
-    return [jitter, UniformNoise(noise)] if noise else [jitter]
 
 
 def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:

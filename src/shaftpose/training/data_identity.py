@@ -1,19 +1,21 @@
-"""Description of a training's data, and digests of their bytes that identify them."""
+"""Description of a training's data, and digests of their content that identify them."""
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.shards import shard_paths
-from shaftpose.dataset.coco import read_coco
+from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.stage_files import DataRecord, MixedInImages, read_domain
+from shaftpose.training.data import DataFolders
 
 
-def about_data(with_real: bool, start: Path | None) -> DataRecord:
-    """The data of a training, including the real, or stand-in, images if they are mixed in.
+def data_record(folders: DataFolders, mixed_in: bool, start: Path | None) -> DataRecord:
+    """The data of a training, including images without poses if they are mixed in.
 
     start: checkpoint of the detector to start from. Raises InputError if it is missing.
     """
@@ -21,27 +23,30 @@ def about_data(with_real: bool, start: Path | None) -> DataRecord:
         raise InputError(f"{start}: no such detector to start from; run `dvc repro detector`")
     return DataRecord(
         start=None if start is None else _digest("", [start]),
-        training_images=len(read_keys(Path("data/split"), "train")),
-        digest=rendered_digest(),
-        mixed_in=_mixed_in() if with_real else None,
+        training_images=len(read_keys(folders.split, "train")),
+        digest=rendered_digest(folders.rendered, folders.split),
+        mixed_in=_mixed_in(folders) if mixed_in else None,
     )
 
 
-def _mixed_in() -> MixedInImages:
-    images = read_coco(Path("data/real/train.json"))
-    return MixedInImages(read_domain(Path("data/real")), len(images), real_digest())
+def _mixed_in(folders: DataFolders) -> MixedInImages:
+    images = folders.mixed_in_images()
+    return MixedInImages(read_domain(folders.mixed_in), len(images), annotated_digest(images))
 
 
-def rendered_digest() -> str:
-    """Hexadecimal digest of the rendered images and of the lists of the split."""
-    lists = [read_keys(Path("data/split"), part) for part in PARTS]
-    return _digest(json.dumps(lists), shard_paths(Path("data/render/images")))
+def rendered_digest(shards: Path, split: Path) -> str:
+    """Hexadecimal digest of the rendered images in a folder and of the lists of their split."""
+    lists = [read_keys(split, part) for part in PARTS]
+    return _digest(json.dumps(lists), shard_paths(shards))
 
 
-def real_digest() -> str:
-    """Hexadecimal digest of the real, or stand-in, training images and their annotations."""
-    annotations = Path("data/real/train.json")
-    return _digest("", [annotations, *(image.path for image in read_coco(annotations))])
+def annotated_digest(images: Sequence[CocoImage]) -> str:
+    """Hexadecimal digest of image files and of their annotations as they were understood.
+
+    A training depends on the meaning of a COCO file, neither on its bytes nor on its reader's code.
+    """
+    understood = [asdict(image) | {"path": image.path.name} for image in images]
+    return _digest(json.dumps(understood), (image.path for image in images))
 
 
 def _digest(text: str, paths: Iterable[Path]) -> str:

@@ -34,6 +34,18 @@ _SIZES_ELSEWHERE = {
     "detector_steps", "width", "depth",
 }  # fmt: skip
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
+# Modules that a training runs and its weights do not depend on. Validation decodes and measures, to
+# describe them. What the readers of data yield is in the digests of the data.
+WITHOUT_EFFECT = tuple(
+    f"shaftpose.{name}"
+    for name in (
+        "training.validation_metrics",
+        "network.ssd.decoding",
+        "network.dense.decoding",
+        "training.data_identity",
+        "dataset.coco",
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -134,9 +146,9 @@ def fingerprint(recipe: Recipe, data: DataRecord) -> str:
 
 
 def code_files(recipe: Recipe) -> list[Path]:
-    """The source files that compute a training, without the networks of other variants."""
+    """The source files that a variant's weights depend on; of networks, only its own."""
     described = json.dumps([recipe.variant.network, recipe.variant.loss])
     networks = [
         name.rpartition(".")[0] for name in re.findall(r'"_target_": "([\w.]+)"', described)
     ]
-    return source_files(["shaftpose.training.run", *networks])
+    return source_files(["shaftpose.training.run", *networks], WITHOUT_EFFECT)

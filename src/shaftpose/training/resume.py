@@ -17,7 +17,7 @@ _PATIENCE_S = 30.0
 
 
 @contextmanager
-def kept(folder: Path) -> Iterator[str]:
+def locked_training_folder(folder: Path) -> Iterator[str]:
     """Hold the lock of a training whose state and result are in `folder`.
 
     Yields the training's id, which stays the same after a resume. Removes the last checkpoint when

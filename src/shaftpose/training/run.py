@@ -19,23 +19,26 @@ from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.network.checkpoint import resumed_step
 from shaftpose.stage_files import DataRecord, TrainingRecord, read_training
-from shaftpose.training.assembly import build_module, build_trainer, training_data
+from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
-from shaftpose.training.data_identity import about_data
+from shaftpose.training.data import DataFolders, training_data
+from shaftpose.training.data_identity import data_record
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe, fingerprint
-from shaftpose.training.resume import LAST_CHECKPOINT, kept
+from shaftpose.training.resume import LAST_CHECKPOINT, locked_training_folder
 
 logger = logging.getLogger(__name__)
 
 # The files of a training's result, in the order of writing.
-RESULT = CHECKPOINT, CURVES, FACTS = "model.ckpt", "curves.csv", "training.json"
+RESULT = CHECKPOINT, CURVES, RECORD = "model.ckpt", "curves.csv", "training.json"
 
 # Opens a tracked run from the training's id, its parameters and the digests of its data.
 Tracker = Callable[[str, dict[str, Any], dict[str, str]], AbstractContextManager[Logger]]
 
 
-def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Tracker) -> None:
+def train(
+    recipe: Recipe, folders: DataFolders, scratch: Path, out: Path, profile: str, tracker: Tracker
+) -> None:
     """Write `model.ckpt`, `curves.csv` and `training.json` to `out`.
 
     State and result are kept in `scratch` under the training's fingerprint: an interrupted training
@@ -45,12 +48,9 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
     recipe = recipe.resolved()
     out.mkdir(parents=True, exist_ok=True)
     seed_everything(recipe.seed, verbose=False)
-    with_real, start = recipe.variant.real_share > 0, recipe.variant.start
-    about = about_data(with_real, start)
-    identity = fingerprint(recipe, about)
-    # Jobs of a sweep are trained and tracked by themselves, even if `models/` has their result.
-    place = hashlib.sha256(str(out).encode()).hexdigest()[:8]
-    folder = scratch / "training" / f"{identity}-{place}"
+    data_used = data_record(folders, recipe.variant.real_share > 0, recipe.variant.start)
+    identity = fingerprint(recipe, data_used)
+    folder = result_folder(scratch, identity, out)
     title = recipe.variant.title
     if is_finished(folder):
         logger.info("training %s: finished; its result is in %s", title, folder)
@@ -58,42 +58,55 @@ def train(recipe: Recipe, scratch: Path, out: Path, profile: str, tracker: Track
         return
     curves, skipped = Curves(), SkippedImages(folder / "skipped_images.txt")
     trainer, module = build_trainer(recipe, folder, curves), build_module(recipe)
-    data = training_data(recipe, skipped, module.network.needs_instances)
+    data = training_data(recipe, folders, skipped, module.network.needs_instances)
     if not trainer.is_global_zero:
         fit(trainer, module, data, folder)
         return
-    with kept(folder) as training_id:
+    with locked_training_folder(folder) as training_id:
         if is_finished(folder):  # by another process, before it gave the lock back
             deliver(recipe, folder, out)
             return
-        (out / FACTS).unlink(missing_ok=True)  # from another training, whose files get overwritten
+        (out / RECORD).unlink(missing_ok=True)  # from another training; its other files follow
         size = recipe.size
         logger.info("training %s: %d steps of %d images", title, size.steps, size.batch_size)
-        parameters = recipe.parameters() | {
-            "profile": profile,
-            "training_images": about.training_images,
-            "torch": torch.__version__,
-        }
-        with tracker(training_id, parameters, digests(about)) as run_logger:
+        parameters = run_parameters(recipe, data_used, profile)
+        with tracker(training_id, parameters, digests(data_used)) as run_logger:
             trainer.loggers = [curves, run_logger]
             fit(trainer, module, data, folder)
-        if trainer.global_step < size.steps:
-            logger.info("ended by training.max_hours after %d steps", trainer.global_step)
         curves.write(folder / CURVES)
-        facts = TrainingRecord(
+        record = TrainingRecord(
             training_id=training_id,
             fingerprint=identity,
             seed=recipe.seed,
-            data=about,
+            data=data_used,
             variant=recipe.variant_key(),
             recipe=recipe.comparison_key(),
             skipped_images=len(skipped.complaints()),
             steps=trainer.global_step,
             parameters=sum(weight.numel() for weight in module.network.parameters()),
         )
-        write_json(folder / FACTS, asdict(facts))
+        write_json(folder / RECORD, asdict(record))
     deliver(recipe, folder, out)
     logger.info("checkpoint and learning curves are in %s", out)
+
+
+def result_folder(scratch: Path, identity: str, out: Path) -> Path:
+    """The folder of a training's state and result.
+
+    Its name depends on `out`, so that jobs of a sweep are trained and tracked by themselves, even
+    if `models/` has their result.
+    """
+    place = hashlib.sha256(str(out).encode()).hexdigest()[:8]
+    return scratch / "training" / f"{identity}-{place}"
+
+
+def run_parameters(recipe: Recipe, data: DataRecord, profile: str) -> dict[str, Any]:
+    """The parameters of the tracked run."""
+    return recipe.parameters() | {
+        "profile": profile,
+        "training_images": data.training_images,
+        "torch": torch.__version__,
+    }
 
 
 def digests(data: DataRecord) -> dict[str, str]:
@@ -117,8 +130,8 @@ def deliver(recipe: Recipe, folder: Path, out: Path) -> None:
     for name in (CHECKPOINT, CURVES):
         with new_file(out / name) as part:
             shutil.copyfile(folder / name, part)
-    facts = read_training(folder, "delete the folder, then train again")
-    write_json(out / FACTS, asdict(replace(facts, recipe=recipe.comparison_key())))
+    record = read_training(folder, "delete the folder, then train again")
+    write_json(out / RECORD, asdict(replace(record, recipe=recipe.comparison_key())))
 
 
 def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path) -> None:
@@ -130,4 +143,6 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path)
         trainer.fit(module, data, ckpt_path=last if last.is_file() else None, weights_only=True)
     except SystemExit as stop:  # Lightning's answer to Ctrl-C
         raise KeyboardInterrupt from stop
+    if trainer.global_step < module.total_steps:
+        logger.info("ended by training.max_hours after %d steps", trainer.global_step)
     trainer.save_checkpoint(folder / CHECKPOINT, weights_only=True)

@@ -1,0 +1,85 @@
+"""The files of the package whose change trains a variant again."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import shaftpose
+from shaftpose.stage_files import DataRecord
+from shaftpose.training.recipe import WITHOUT_EFFECT, code_files, fingerprint
+from tests.pipeline.conftest import recipe_with
+
+PACKAGE = Path(shaftpose.__file__).parent
+PAPERS, ALL = {"b", "c", "d"}, {"b", "c", "d", "e"}
+# File or folder -> the variants that it trains again. The longest name that fits a file counts.
+RULES: dict[str, set[str]] = {
+    "": set(),
+    "core/geometry.py": ALL,
+    "core/images.py": ALL,
+    "core/instruments.py": ALL,
+    "core/masks.py": ALL,
+    "core/shard_schema.py": ALL,
+    "core/shards.py": ALL,
+    "dataset": ALL,
+    "dataset/coco.py": set(),
+    "dataset/coco_folder.py": set(),
+    "dataset/segmentation.py": set(),
+    "network": ALL,
+    "network/detector.py": set(),
+    "network/ssd": PAPERS,
+    "network/ssd/decoding.py": set(),
+    "network/ssd/pose_bins.py": {"b"},
+    "network/dense": {"e"},
+    "network/dense/decoding.py": set(),
+    "refinement/contour.py": {"e"},
+    "refinement/contour_sampling.py": {"e"},
+    "refinement/pose_parameters.py": {"e"},
+    "training": ALL,
+    "training/data_identity.py": set(),
+    "training/validation_metrics.py": set(),
+}
+FILES = sorted(
+    path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__init__.py"
+)
+DATA = DataRecord(start=None, training_images=8, digest="of images", mixed_in=None)
+
+
+def rule(file: Path) -> set[str]:
+    """The variants that a file trains again."""
+    names = [file.as_posix(), *(folder.as_posix() for folder in file.parents)]
+    return next(RULES[name] for name in (*names, "") if name in RULES)
+
+
+@pytest.mark.parametrize("variant", sorted(ALL))
+def test_a_variant_depends_on_these_files_and_no_others(variant: str) -> None:
+    found = {path.relative_to(PACKAGE) for path in code_files(recipe_with(f"variant={variant}"))}
+    assert found == {file for file in FILES if variant in rule(file)}
+
+
+def test_rules_and_exceptions_name_what_exists() -> None:
+    assert [name for name in RULES if not (PACKAGE / name).exists()] == []
+    assert all(map(find_spec, WITHOUT_EFFECT))
+
+
+@pytest.mark.parametrize(
+    ("file", "trained_again"),
+    [
+        ("metrics/metrics.py", set()),
+        ("metrics/detection/average_precision.py", set()),
+        ("dataset/coco.py", set()),
+        ("network/ssd/loss.py", {"d"}),
+        ("network/dense/loss.py", {"e"}),
+        ("network/pose_network.py", {"d", "e"}),
+    ],
+)
+def test_a_changed_byte_trains_again_what_depends_on_it(
+    monkeypatch: pytest.MonkeyPatch, file: str, trained_again: set[str]
+) -> None:
+    recipes = {name: recipe_with(f"variant={name}") for name in ("d", "e")}
+    before = {name: fingerprint(recipe, DATA) for name, recipe in recipes.items()}
+    read, changed = Path.read_bytes, PACKAGE / file
+    assert changed.is_file()
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b" " * (path == changed))
+    after = {name: fingerprint(recipe, DATA) for name, recipe in recipes.items()}
+    assert {name for name in recipes if after[name] != before[name]} == trained_again
