@@ -11,7 +11,7 @@ from typing import Any
 from distributed import Client
 
 from benchmarks.rendering.common import SCRATCH, default_settings
-from shaftpose.core.shards import shard_paths
+from shaftpose.core.shard_index import shard_paths
 from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.render_sets import render_set
 from shaftpose.rendering.rendered_set import RenderedSet

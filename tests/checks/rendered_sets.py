@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from shaftpose.checks.expected_sets import Body, ExpectedSet
 from shaftpose.checks.set_checks import CheckedShard, check_shard
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.settings.parsing import parse

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.refinement.contour import Shaft
 
 SIDE_PX, VIEW_DEG, FINER = 299, 95.0, 4

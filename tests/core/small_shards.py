@@ -53,3 +53,14 @@ def read_member(path: Path, name: str) -> bytes:
         file = tar.extractfile(name)
         assert file is not None
         return file.read()
+
+
+def overwrite(path: Path, offset: int, data: bytes) -> None:
+    content = bytearray(path.read_bytes())
+    content[offset : offset + len(data)] = data
+    path.write_bytes(content)
+
+
+def member(path: Path, name: str) -> tarfile.TarInfo:
+    with tarfile.open(path) as tar:
+        return tar.getmember(name)

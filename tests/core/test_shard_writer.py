@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from shaftpose.core.shard_index import is_whole
 from shaftpose.core.shard_writer import ShardWriter, shard_name
-from shaftpose.core.shards import is_whole
 from tests.core.small_shards import make_sample, write_shard
 
 

@@ -1,6 +1,5 @@
 """Reading of shards, whole and damaged."""
 
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,20 +9,10 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.masks import mask_box
 from shaftpose.core.samples import sample_key
+from shaftpose.core.shard_index import is_whole
 from shaftpose.core.shard_writer import shard_name
-from shaftpose.core.shards import ShardedDataset, holds, is_whole, shard_paths
-from tests.core.small_shards import SIZE, make_sample, read_member, write_shard
-
-
-def overwrite(path: Path, offset: int, data: bytes) -> None:
-    content = bytearray(path.read_bytes())
-    content[offset : offset + len(data)] = data
-    path.write_bytes(content)
-
-
-def member(path: Path, name: str) -> tarfile.TarInfo:
-    with tarfile.open(path) as tar:
-        return tar.getmember(name)
+from shaftpose.core.shards import ShardedDataset
+from tests.core.small_shards import SIZE, make_sample, member, overwrite, read_member, write_shard
 
 
 def test_a_sample_survives_writing_and_reading(tmp_path: Path) -> None:
@@ -59,58 +48,6 @@ def test_hand_values_of_a_read_sample(tmp_path: Path) -> None:
     read = ShardedDataset(tmp_path).annotations("000000000")
     np.testing.assert_array_equal(read.boxes, [[3, 5, 20, 9], [30, 10, 41, 60]])
     np.testing.assert_array_equal(read.poses, [[1.5, -2.25, 20, 70, 123], [-4, 3, 31, 55, 1]])
-
-
-@pytest.mark.parametrize("cut", [0, 1, 511, 512, 513, 1024, 5000, 10240, 20480, -10240, -512, -1])
-def test_a_truncated_shard_is_named(tmp_path: Path, cut: int) -> None:
-    path = tmp_path / shard_name(0)
-    write_shard(path, [make_sample(n) for n in range(4)])
-    data = path.read_bytes()
-    assert len(data) > 20480
-    path.write_bytes(data[:cut])
-    with pytest.raises(InputError, match="truncated or damaged") as caught:
-        ShardedDataset(tmp_path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "run `dvc repro -s -f render`" in str(caught.value)
-    assert not is_whole(path)
-
-
-def test_a_shard_cut_at_any_block_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / shard_name(0)
-    write_shard(path, [make_sample(0)])
-    data = path.read_bytes()
-    for cut in range(0, len(data), 512):
-        path.write_bytes(data[:cut])
-        with pytest.raises(InputError, match="truncated or damaged"):
-            ShardedDataset(tmp_path)
-
-
-@pytest.mark.parametrize("header", [b"x" * 512, bytes(512)])
-def test_a_damaged_header_is_not_passed_over(tmp_path: Path, header: bytes) -> None:
-    path = tmp_path / shard_name(0)
-    write_shard(path, [make_sample(0), make_sample(1)])
-    overwrite(path, member(path, "000000001.rgb.jpg").offset, header)
-    with pytest.raises(InputError, match="truncated or damaged"):
-        ShardedDataset(tmp_path)
-
-
-def test_a_shard_holds_its_samples_and_no_others(tmp_path: Path) -> None:
-    path, keys = tmp_path / shard_name(0), [sample_key(0), sample_key(1)]
-    write_shard(path, [make_sample(0), make_sample(1)])
-    assert holds(path, keys)
-    assert not holds(path, keys[:1])
-    assert not holds(path, [*keys, sample_key(2)])
-
-
-@pytest.mark.parametrize("name", ["000000000.rgb.jpg", "000000001.rgb.jpg", "000000001.shaft.json"])
-def test_a_shard_of_zeros_from_some_member_on_holds_too_little(tmp_path: Path, name: str) -> None:
-    """Zeros left by a power loss look like the end of an archive."""
-    path = tmp_path / shard_name(0)
-    write_shard(path, [make_sample(0), make_sample(1)])
-    start = member(path, name).offset
-    overwrite(path, start, bytes(path.stat().st_size - start))
-    assert is_whole(path)
-    assert not holds(path, [sample_key(0), sample_key(1)])
 
 
 def test_a_damaged_image_is_named_with_its_key(tmp_path: Path) -> None:
@@ -200,32 +137,3 @@ def test_an_image_of_two_shards_is_named_with_both(tmp_path: Path) -> None:
         ShardedDataset(tmp_path)
     first, second = (tmp_path / shard_name(n) for n in range(2))
     assert str(caught.value).startswith(f"{second}: image {sample_key(1)} is also in {first}; ")
-
-
-def test_a_shard_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    path = tmp_path / shard_name(0)
-    path.mkdir()
-    opened = (
-        lambda: ShardedDataset(tmp_path),
-        lambda: is_whole(path),
-        lambda: holds(path, [sample_key(0)]),
-    )
-    for read in opened:
-        with pytest.raises(
-            InputError, match=rf"^{path}: cannot be read \(Is a directory\); delete"
-        ):
-            read()
-
-
-def test_a_folder_without_shards_is_named(tmp_path: Path) -> None:
-    (tmp_path / "shard-000000.tar.part").write_bytes(b"unfinished")
-    for folder in (tmp_path, tmp_path / "missing"):
-        with pytest.raises(InputError, match="no shard") as caught:
-            ShardedDataset(folder)
-        assert str(caught.value).startswith(f"{folder}: ")
-
-
-def test_shards_are_found_in_order(tmp_path: Path) -> None:
-    for index in (10, 2):
-        write_shard(tmp_path / shard_name(index), [make_sample(index)])
-    assert [path.name for path in shard_paths(tmp_path)] == [shard_name(2), shard_name(10)]

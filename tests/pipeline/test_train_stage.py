@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import nn
 
-from shaftpose.core.shards import shard_paths
+from shaftpose.core.shard_index import shard_paths
 from shaftpose.dataset.split import read_keys
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.assembly import build_module, build_trainer

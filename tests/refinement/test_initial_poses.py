@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Shaft
 from shaftpose.refinement.initial_poses import initial_poses_from_mask

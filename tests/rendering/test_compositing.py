@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.compositing import composite, contact_shadow, darken, to_srgb
 
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.optics import (
     apply_lens,
     camera_with,

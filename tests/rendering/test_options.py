@@ -14,7 +14,8 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import mask_box
 from shaftpose.core.samples import sample_key

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.poses import PoseSampler, SampledPoses
 from shaftpose.settings.schema import PoseRanges, RenderSettings
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.meshes import shaft_mesh
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.rendering.regions import Region, cover, projected_outline

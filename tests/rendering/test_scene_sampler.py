@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.masks import crossed_share
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler

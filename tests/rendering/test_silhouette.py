@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.settings.schema import RenderSettings
 from tests.rendering.blender_process import run_python

@@ -8,7 +8,8 @@ import numpy as np
 
 from shaftpose.checks.expected_sets import Body
 from shaftpose.checks.rendered_image import AnnotatedImage
-from shaftpose.core.geometry import Array, ShaftPose, segment_distance
+from shaftpose.core.cylinder import segment_distance
+from shaftpose.core.geometry import Array, ShaftPose
 
 
 @dataclass(frozen=True, slots=True)

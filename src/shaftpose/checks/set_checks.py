@@ -17,7 +17,7 @@ from shaftpose.checks.image_checks import check_image
 from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.samples import sample_key
-from shaftpose.core.shards import is_whole, render_anew
+from shaftpose.core.shard_index import is_whole, rerender
 
 logger = logging.getLogger(__name__)
 
@@ -155,5 +155,5 @@ def refuse(problems: Sequence[Problem]) -> None:
         logger.error("%s", problem)
     if len(problems) > MOST_NAMED:
         logger.error("and %d more", len(problems) - MOST_NAMED)
-    remedy = render_anew(problem.shard for problem in problems[:MOST_NAMED])
+    remedy = rerender(problem.shard for problem in problems[:MOST_NAMED])
     raise InputError(f"{problems[0]} (problem 1 of {len(problems)}); {remedy}")

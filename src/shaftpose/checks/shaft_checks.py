@@ -9,13 +9,8 @@ from numpy.typing import NDArray
 from shaftpose.checks.checked_image import hidden_shares, lens_distance, shaft_axis
 from shaftpose.checks.expected_sets import Body
 from shaftpose.checks.rendered_image import AnnotatedImage
-from shaftpose.core.geometry import (
-    Array,
-    Camera,
-    ShaftPose,
-    pose_from_rotation,
-    segment_distance,
-)
+from shaftpose.core.cylinder import segment_distance
+from shaftpose.core.geometry import Array, Camera, ShaftPose, pose_from_rotation
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.shard_schema import SHAFT_OBJECT_ID, ExtentEntry, PoseEntry, corner_and_size

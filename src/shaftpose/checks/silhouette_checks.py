@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from shaftpose.checks.expected_sets import Body
 from shaftpose.checks.rendered_image import AnnotatedImage
-from shaftpose.core.geometry import Array, Camera, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Array, Camera
 
 _LEAST_IOU = 0.95  # between a mask and the silhouette computed from pose and camera
 # Nearest-neighbour distortion of a mask moves its edges by up to half a pixel.

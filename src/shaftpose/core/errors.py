@@ -1,4 +1,4 @@
-"""The exception type for all errors that the user can fix, and the end of a command by one."""
+"""The exception for errors that the user can fix, and how it ends a command."""
 
 import sys
 from collections.abc import Iterator

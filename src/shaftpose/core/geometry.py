@@ -1,4 +1,4 @@
-"""Camera and shaft geometry: poses, projection and the exact silhouette of a cylinder.
+"""Camera and shaft geometry: projection, poses and angles.
 
 Camera frame (OpenCV): x right, y down, z forward, mm. A pixel's centre lies at integer + 0.5.
 Shaft frame: origin at the centre of the distal tip, +z from the tip towards the handle.
@@ -44,7 +44,7 @@ class Camera:
         return cls(width, height, float(focal_px), width / 2, height / 2)
 
     def enlarged(self, times: int) -> "Camera":
-        """The camera of the same view with `times` as many pixels a side."""
+        """The camera of the same view with `times` as many pixels along each side."""
         return replace(
             self,
             width=times * self.width,
@@ -73,17 +73,18 @@ class Camera:
         return offsets + np.array([self.cx, self.cy])
 
     def border_px(self, pixels: Array) -> Array:
-        """Distances (...) of pixels (..., 2) from the nearest border of the image, negative beyond
-        it."""
+        """Distances (...) of pixels (..., 2) from the nearest border, negative outside."""
         return np.asarray(np.minimum(pixels, [self.width, self.height] - pixels).min(axis=-1))
 
     def lift(self, pixels: Array, depth_mm: float) -> Array:
-        """x and y (..., 2) mm at a depth of pixels (..., 2), for a pinhole camera."""
+        """x and y (..., 2) mm of pixels (..., 2) at a depth; only for a pinhole camera."""
         return np.asarray((pixels - [self.cx, self.cy]) / self.focal_px * depth_mm)
 
     def span(self, starts: Array, directions: Array) -> tuple[Array, Array]:
-        """From and to which s the lines start + s direction, (N, 2) px each, lie in the image,
-        (N, 1) each; the first is larger for lines that miss it."""
+        """The range of s, two arrays (N, 1), in which lines start + s direction lie in the image.
+
+        starts, directions: (N, 2) px. For lines that miss the image the first is the larger one.
+        """
         corners = np.array([[[0.0, 0.0]], [[self.width, self.height]]])
         # A line parallel to a border meets it far away.
         ends = (corners - starts) / np.where(abs(directions) < _PARALLEL, _PARALLEL, directions)
@@ -91,8 +92,10 @@ class Camera:
         return low[:, None], high[:, None]
 
     def rays(self, stride: int = 1) -> Array:
-        """Directions (h, w, 3), with z = 1, through the centres of blocks of
-        `stride` x `stride` pixels; x and y are NaN outside the field of view. Read-only."""
+        """Directions (h, w, 3), with z = 1, through the centres of blocks, `stride` px a side.
+
+        x and y are NaN outside the field of view. The array is read-only.
+        """
         return _rays(self, stride)
 
     def shows(self, pixels: Array) -> NDArray[np.bool_]:
@@ -113,8 +116,10 @@ class Camera:
 
     @property
     def _rim(self) -> float:
-        """The largest valid radius of the distortion: where its derivative 1 + 3 k1 r^2 + 5 k2 r^4
-        is 0 and the image would fold back, at most three times the corner's radius."""
+        """The largest valid radius of the distortion, at most three times the corner's radius.
+
+        Beyond it the image would fold back: the derivative 1 + 3 k1 r^2 + 5 k2 r^4 is 0 there.
+        """
         far_x, far_y = max(self.cx, self.width - self.cx), max(self.cy, self.height - self.cy)
         corner = float(np.hypot(far_x, far_y)) / self.focal_px
         roots = np.roots([5 * self.k2, 3 * self.k1, 1.0])
@@ -227,79 +232,3 @@ def pose_along(axis: Array, tip_mm: Array) -> ShaftPose:
     yaw = unsigned_deg(float(np.degrees(np.arctan2(axis[1], axis[0]))))
     x_mm, y_mm, z_mm = (float(value) for value in tip_mm)
     return ShaftPose(x_mm, y_mm, z_mm, pitch, yaw)
-
-
-def cylinder_depth(
-    camera: Camera, pose: ShaftPose, diameter_mm: float, length_mm: float, stride: int = 1
-) -> Array:
-    """Depth z (h, w) in mm where the ray through a pixel's centre hits the cylinder, else infinity.
-
-    Exact intersection of each ray with the side and the two end discs. Also infinity outside the
-    field of view.
-    """
-    rays = camera.rays(stride)
-    tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2
-    depth = np.full(rays.shape[:2], np.inf)
-    near = _near_line(rays, tip, axis, 1.001 * radius)  # all other rays miss the cylinder
-    rays = rays[near]
-    nearest = np.full(len(rays), np.inf)
-    for hit in (*_side_hits(rays, tip, axis, radius, length_mm),
-                _disc_hits(rays, tip, axis, radius),
-                _disc_hits(rays, tip + length_mm * axis, axis, radius)):  # fmt: skip
-        nearest = np.where(hit > 0, np.minimum(nearest, hit), nearest)
-    depth[near] = nearest
-    return depth
-
-
-def _near_line(rays: Array, point: Array, axis: Array, reach: float) -> NDArray[np.bool_]:
-    """Whether rays (..., 3) from the origin pass a line within `reach`: two lines are
-    |r . (p x a)| / |r x a| apart. A parallel ray counts as near: |r x a| is 0 up to rounding."""
-    across = np.einsum("...i,...i", rays, rays) - (rays @ axis) ** 2
-    near: NDArray[np.bool_] = (rays @ np.cross(point, axis)) ** 2 <= reach**2 * across + 1e-6
-    return near
-
-
-def _side_hits(
-    rays: Array, tip: Array, axis: Array, radius: float, length_mm: float
-) -> tuple[Array, Array]:
-    """Ray parameters (N,) at the two crossings of the side by rays (N, 3); NaN where none."""
-    along_ray, along_tip = rays @ axis, float(tip @ axis)
-    across_ray = rays - along_ray[..., None] * axis
-    across_tip = tip - along_tip * axis
-    a = np.sum(across_ray**2, axis=-1)
-    b = across_ray @ across_tip
-    c = float(across_tip @ across_tip) - radius**2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        root = np.sqrt(b**2 - a * c)
-        near, far = (b - root) / a, (b + root) / a
-        return (
-            _within(near, along_ray * near - along_tip, length_mm),
-            _within(far, along_ray * far - along_tip, length_mm),
-        )
-
-
-def _within(hits: Array, height: Array, length_mm: float) -> Array:
-    return np.where((height >= 0) & (height <= length_mm), hits, np.nan)
-
-
-def _disc_hits(rays: Array, centre: Array, normal: Array, radius: float) -> Array:
-    """Ray parameters (N,) at the crossing of a disc by rays (N, 3); NaN where none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        hits = float(centre @ normal) / (rays @ normal)
-        distance = np.linalg.norm(hits[..., None] * rays - centre, axis=-1)
-    return np.where(distance <= radius, hits, np.nan)
-
-
-def segment_distance(start_a: Array, end_a: Array, start_b: Array, end_b: Array) -> float:
-    """Shortest distance between two segments in space (C. Ericson, Real-Time Collision
-    Detection, 5.1.9). Points are (3,); the first segment may be a single point."""
-    along_a, along_b, between = end_a - start_a, end_b - start_b, start_a - start_b
-    a, e, f = along_a @ along_a, along_b @ along_b, along_b @ between
-    b, c = along_a @ along_b, along_a @ between
-    denominator = float(a * e - b * b)
-    s = float(np.clip((b * f - c * e) / denominator, 0, 1)) if denominator > 1e-12 else 0.0
-    t = (b * s + f) / e if e > 1e-12 else 0.0
-    if not 0 <= t <= 1:
-        t = float(np.clip(t, 0, 1))
-        s = float(np.clip((b * t - c) / a, 0, 1)) if a > 1e-12 else 0.0
-    return float(np.linalg.norm(start_a + s * along_a - start_b - t * along_b))

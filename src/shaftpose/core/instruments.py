@@ -20,9 +20,11 @@ POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 class Annotations:
     """The annotated instruments of one image.
 
-    boxes: (G, 4) float; poses: (G, 5) float, or None where poses are unknown (real images);
-    instances: (H, W), instrument number of each pixel, from 1, or 0 for background, or `UNKNOWN`;
-    None if not requested. tips_px: (G, 2), of instruments without poses, NaN where unknown.
+    boxes: (G, 4) float.
+    poses: (G, 5) float; None if they are unknown.
+    instances: (H, W), each pixel's instrument number, from 1, 0 for background, or `UNKNOWN`; None
+    if not requested.
+    tips_px: (G, 2), tips of instruments without poses, NaN where unknown.
     """
 
     boxes: NDArray[np.float64]
@@ -47,17 +49,17 @@ class Detections:
         return self.rows(self.scores >= score)
 
     def rows(self, chosen: NDArray[np.intp] | NDArray[np.bool_]) -> Self:
-        """The detections with these numbers, or where `chosen` (K,) is true."""
+        """The detections with these indices, or where the mask `chosen` (K,) is true."""
         return replace(self, **{name: values[chosen] for name, values in vars(self).items()})
 
 
 def unpadded(
     boxes: NDArray[np.floating], scores: NDArray[np.floating], poses: NDArray[np.floating]
 ) -> list[Detections]:
-    """Decoded outputs (B, K, 4), (B, K), (B, K, 5) image by image; those of score 0 are padding.
+    """The detections of each image from a network's decoded outputs, without padding.
 
-    Raises InputError if one of them is NaN or infinite: it would compare as no detection, or spoil
-    means.
+    boxes: (B, K, 4); scores: (B, K), 0 for padding; poses: (B, K, 5). Raises InputError if one of
+    them is NaN or infinite: it would be missed by comparisons, or spoil means.
     """
     arrays = [values.astype(np.float64) for values in (boxes, scores, poses)]
     if not all(np.isfinite(values).all() for values in arrays):

@@ -110,7 +110,7 @@ def _of_indices(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _annotations(known: Annotations, matrix: NDArray[np.float64]) -> Annotations | None:
-    """The changed annotations; None if a tip enters or leaves the image, or an instrument leaves."""
+    """Changed annotations; None if a tip enters or leaves the image, or an instrument leaves."""
     assert known.instances is not None
     side = known.instances.shape[0]
     instances = np.asarray(

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import cylinder_depth
 from shaftpose.core.images import read_rgb
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.samples import Instrument, Sample, sample_key

@@ -10,8 +10,9 @@ from enum import Enum
 
 import numpy as np
 
+from shaftpose.core.cylinder import cylinder_depth, segment_distance
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth, segment_distance
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.settings.schema import PoseRanges, SceneSettings, ShaftSettings
 

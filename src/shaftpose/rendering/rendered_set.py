@@ -8,8 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from shaftpose.core.samples import sample_key
+from shaftpose.core.shard_index import holds
 from shaftpose.core.shard_writer import shard_name
-from shaftpose.core.shards import holds
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.parsing import to_json
 from shaftpose.settings.schema import RenderSettings

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.shards import shard_paths
+from shaftpose.core.shard_index import shard_paths
 from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.stage_files import DataRecord, MixedInImages, read_domain

@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from shaftpose.core.geometry import Camera, ShaftPose, cylinder_depth
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.batches import Targets
