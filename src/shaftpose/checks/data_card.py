@@ -118,18 +118,17 @@ def to_markdown(
             [_set_row(name, found) for name, found in sets.items()],
         ),
     ]
-    for name, found in sets.items():
-        rows = [
-            [LABELS[quantity], *(f"{value:g}" for value in values.values()),
-             _range(drawn_from.get(quantity))]
-            for quantity, values in found["quantities"].items()
-        ]  # fmt: skip
-        blocks += [
-            f"## {name}",
-            pipe_table(["quantity", "least", "median", "greatest", "drawn from"], rows),
-        ]
+    blocks += [f"## {name}\n\n{_quantity_table(found, drawn_from)}" for name, found in sets.items()]
     blocks += [f"## {title}\n\n![{title}]({file})" for title, file in pictures.items()]
     return "\n\n".join(blocks) + "\n"
+
+
+def _quantity_table(found: Statistics, drawn_from: Mapping[str, Range]) -> str:
+    rows = [
+        [LABELS[name], *(f"{value:g}" for value in values.values()), _range(drawn_from.get(name))]
+        for name, values in found["quantities"].items()
+    ]
+    return pipe_table(["quantity", "least", "median", "greatest", "drawn from"], rows)
 
 
 def _set_row(name: str, found: Statistics) -> list[str]:

@@ -84,22 +84,24 @@ def check_shard(expected: ExpectedSet, name: str) -> CheckedShard:
         if key not in keys
     ]
     images = []
-    for key in keys:
-        if key in members:
-            facts, found = check_image(
-                key, members[key], expected.settings, expected.body, expected.backgrounds
-            )
-            if facts:
-                images.append(facts)
-                found += another_origin(facts, expected.seed, numbers[key])
-            problems += [Problem(path, key, what) for what in found]
+    for key in filter(members.__contains__, keys):
+        image, found = _check_member(expected, key, members[key], numbers[key])
+        images += [image] if image else []
+        problems += [Problem(path, key, what) for what in found]
     return CheckedShard(path, tuple(images), tuple(problems))
 
 
-def another_origin(facts: CheckedImage, seed: int, number: int) -> list[str]:
-    """Mismatches of seed and index, which show that an image belongs to another set."""
-    compared = (("seed", facts.seed, seed), ("index", facts.index, number))
-    return [f"{what} = {found}: expected {own}" for what, found, own in compared if found != own]
+def _check_member(
+    expected: ExpectedSet, key: str, members: Mapping[str, bytes], number: int
+) -> tuple[CheckedImage | None, list[str]]:
+    """Check one image, and that it belongs to its set: see `check_image`."""
+    image, found = check_image(key, members, expected.settings, expected.body, expected.backgrounds)
+    if image:
+        own = (("seed", image.seed, expected.seed), ("index", image.index, number))
+        found += [
+            f"{what} = {value}: expected {right}" for what, value, right in own if value != right
+        ]
+    return image, found
 
 
 def read_members(path: Path) -> dict[str, dict[str, bytes]]:

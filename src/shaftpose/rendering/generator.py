@@ -49,32 +49,40 @@ class Generator:
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
-        """The first draw that shows enough of every shaft and hides the required share of occluded
-        and crossed ones. The sampler has checked visibility on a coarse grid, for surrounding rods
-        without occluders, so most images without occluders accept the first draw."""
-        scene_settings = self._settings.scene
-        least, (low, high) = scene_settings.min_visible_px, scene_settings.occluder_coverage
+        """The first acceptable draw, rendered and annotated. Most images without occluders accept
+        the first draw, because the sampler has checked visibility on a coarse grid."""
         for scene in islice(self._sampler.candidates(index), _MOST_DRAWS):
             foreground = self._renderer.render(scene)
-            masks = _masks(scene, foreground)
-            if any(mask.sum() < least for mask in masks):
-                continue
-            found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
-            # Occluders are in front of the first shafts, one each.
-            hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
-            crossed = crossed_shares(found, scene.crossing)
-            if all(low <= share <= high for share in hidden) and all(
-                is_crossed(share, scene_settings.crossing_coverage) for share in crossed
-            ):
-                return scene, foreground, found
-        fewest, most = scene_settings.crossing_coverage
+            instruments = self._annotations(scene, foreground)
+            if instruments is not None:
+                return scene, foreground, instruments
+        settings = self._settings.scene
+        (low, high), (fewest, most) = settings.occluder_coverage, settings.crossing_coverage
         raise InputError(
             f"image {index}: all {_MOST_DRAWS} draws were rejected: a shaft shows fewer than "
-            f"scene.min_visible_px = {least} px, its occluder is outside scene.occluder_coverage = "
-            f"[{low:g}, {high:g}], or a crossing shaft hides nothing or is outside "
-            f"scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen `poses` or "
-            "these ranges (for occluded test sets: OCCLUDED in shaftpose/rendering/set_plans.py)"
+            f"scene.min_visible_px = {settings.min_visible_px} px, its occluder is outside "
+            f"scene.occluder_coverage = [{low:g}, {high:g}], or a crossing shaft hides nothing or "
+            f"is outside scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen "
+            "`poses` or these ranges (for occluded test sets: OCCLUDED in "
+            "shaftpose/rendering/set_plans.py)"
         )
+
+    def _annotations(
+        self, scene: Scene, foreground: Foreground | None
+    ) -> tuple[Instrument, ...] | None:
+        """The annotated shafts; None if too little of one is visible, or if an occluder or a
+        crossing shaft does not hide the required share."""
+        settings, masks = self._settings.scene, _masks(scene, foreground)
+        if any(mask.sum() < settings.min_visible_px for mask in masks):
+            return None
+        found = tuple(self._instrument(scene, n, mask) for n, mask in enumerate(masks))
+        low, high = settings.occluder_coverage
+        # Occluders are in front of the first shafts, one each.
+        hidden = [1 - i.visible_fraction for i in found[: len(scene.occluders)]]
+        crossed = crossed_shares(found, scene.crossing)
+        if not all(low <= share <= high for share in hidden):
+            return None
+        return found if all(is_crossed(s, settings.crossing_coverage) for s in crossed) else None
 
     def _instrument(self, scene: Scene, number: int, mask: NDArray[np.bool_]) -> Instrument:
         """The annotation of one shaft whose visible mask is not empty."""

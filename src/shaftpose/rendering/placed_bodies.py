@@ -1,4 +1,4 @@
-"""Shafts, jaws and lumps of tissue in Blender's scene, placed anew for each image.
+"""Shafts, jaws and lumps of tissue in Blender's scene, placed again for each image.
 
 Materials are made once for the first, second, ... body and kept. Blender's camera looks along -z
 with y up: points of the project's camera frame are converted by the flip (x, -y, -z).
