@@ -32,7 +32,7 @@ from shaftpose.dataset.training_stream import SkippedImages
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.compose import composed_settings
-from shaftpose.settings.schema import Size
+from shaftpose.settings.schema import RunSize
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.data import DataFolders, training_data
@@ -208,7 +208,7 @@ def first_batch(recipe: Recipe, device: torch.device) -> Batch:
     return batch
 
 
-def network_step(module: ShaftModule, batch: Batch, sizes: Size) -> Callable[[], None]:
+def network_step(module: ShaftModule, batch: Batch, sizes: RunSize) -> Callable[[], None]:
     """Forward, loss, backward and the loop's optimiser on one batch."""
     network = module.network
     configured: Any = module.configure_optimizers()

@@ -12,7 +12,7 @@ def main(settings: Settings) -> None:
         settings.backgrounds,
         sources=settings.size.sources,
         variations=settings.size.variations,
-        side_px=settings.rendering.camera.size_px,
+        side_px=settings.camera.size_px,
         seed=settings.seed,
         out=settings.out,
     )

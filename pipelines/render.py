@@ -20,7 +20,7 @@ def main(settings: Settings) -> None:
         held_out = settings.backgrounds.held_out
         sets = planned_sets(settings.rendering, settings.size, held_out, settings.seed)
         render_sets(sets, settings.cluster, SCRATCH, settings.out)
-        write_models(settings.out / "models", instrument_shape(settings.rendering.shaft))
+        write_models(settings.out / "models", instrument_shape(settings.shaft))
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def table(settings: Settings, frames: int) -> str:
     Raises InputError if the package's model was trained for another camera than the settings'.
     """
     predictor, true = Predictor(bundled_model()), []
-    wanted, trained = settings.rendering.camera.view_deg, predictor.metadata.view_deg
+    wanted, trained = settings.camera.view_deg, predictor.metadata.view_deg
     if wanted != trained:
         raise InputError(
             f"params.yaml: camera.view_deg is {wanted:g}, but the package's model was trained for "

@@ -16,9 +16,9 @@ from shaftpose.settings.schema import (
     LossSettings,
     PoseRanges,
     RenderSettings,
+    RunSize,
     SceneSettings,
     ShaftSettings,
-    Size,
     SplitSettings,
     TrainingSettings,
 )
@@ -204,7 +204,7 @@ def test_equal_ends_are_a_range() -> None:
 
 
 def test_every_profile_is_a_size() -> None:
-    sizes = {name: parse(Size, values, name) for name, values in PROFILES.items()}
+    sizes = {name: parse(RunSize, values, name) for name, values in PROFILES.items()}
     assert sizes["paper"].images == 100_000
     assert sizes["paper"].width == 1.0
     every = {name: size.validate_every for name, size in sizes.items()}
@@ -212,7 +212,7 @@ def test_every_profile_is_a_size() -> None:
 
 
 def test_a_size_that_is_never_validated_is_refused() -> None:
-    message = complaint(Size, {**PROFILES["smoke"], "validate_every": 0})
+    message = complaint(RunSize, {**PROFILES["smoke"], "validate_every": 0})
     assert message.startswith("params.yaml: part.validate_every = 0: ")
 
 
@@ -229,10 +229,10 @@ def test_a_round_field_in_the_pixels_of_another_image_is_refused() -> None:
 
 def test_a_warm_up_as_long_as_the_training_is_refused() -> None:
     values = {**PROFILES["smoke"], "steps": 300, "warmup_steps": 200, "detector_steps": 201}
-    parse(Size, values, "here")
-    message = complaint(Size, values | {"warmup_steps": 200, "detector_steps": 200})
+    parse(RunSize, values, "here")
+    message = complaint(RunSize, values | {"warmup_steps": 200, "detector_steps": 200})
     assert message == "params.yaml: part: warmup_steps = 200 must be less than detector_steps = 200"
-    message = complaint(Size, values | {"warmup_steps": 300, "detector_steps": 400})
+    message = complaint(RunSize, values | {"warmup_steps": 300, "detector_steps": 400})
     assert message == "params.yaml: part: warmup_steps = 300 must be less than steps = 300"
 
 

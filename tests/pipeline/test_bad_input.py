@@ -51,9 +51,9 @@ def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) ->
     assert named in line
 
 
-def test_a_profile_without_depth_is_told_what_to_add(run: Run, tmp_path: Path) -> None:
+def test_a_missing_size_is_named(run: Run, tmp_path: Path) -> None:
     line = complaint(run, "pipelines/train.py", f"out={tmp_path}", "~profiles.smoke.depth")
-    assert line == "error: conf/profiles.yaml: smoke.depth is missing; add depth: 1.0"
+    assert line == "error: conf/profiles.yaml: smoke.depth is missing; add it"
 
 
 def test_beta_of_the_wrong_length(run: Run, tmp_path: Path) -> None:

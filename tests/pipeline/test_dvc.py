@@ -30,10 +30,7 @@ NAMED_IN_CONF = {"detector": {"network"}, "train": {"network", "refinement"}, "e
 # Attributes of `Settings` -> parameters in dvc.yaml. Sizes are listed one by one.
 PARAMETERS = {
     "rendering": {"camera", "poses", "shaft", "scene", "lens", "render"},
-    "rendering.camera": {"camera"},
-    "rendering.poses": {"poses"},
     "stand_in": {"camera", "poses", "shaft", "scene", "lens", "render", "real"},
-    "real_source": {"real"},
 }
 # Code of the package that stages hand all settings.
 RECEIVERS = {

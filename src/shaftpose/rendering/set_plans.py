@@ -7,7 +7,7 @@ from typing import Any
 
 from shaftpose.core.background_index import Background, hold_out, read_library
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.settings.schema import RenderSettings, Size
+from shaftpose.settings.schema import RenderSettings, RunSize
 
 # Scene settings of sets without occluders.
 CLEAR: dict[str, Any] = {"occluder_probability": 0.0, "crossing_probability": 0.0}
@@ -29,7 +29,7 @@ def with_scene(settings: RenderSettings, changed: dict[str, Any]) -> RenderSetti
 
 
 def planned_sets(
-    settings: RenderSettings, size: Size, held_out: float, seed: int
+    settings: RenderSettings, size: RunSize, held_out: float, seed: int
 ) -> dict[str, RenderedSet]:
     """`rendered_sets` on the backgrounds in data/backgrounds.
 
@@ -39,7 +39,7 @@ def planned_sets(
 
 
 def rendered_sets(
-    settings: RenderSettings, size: Size, library: list[Background], held_out: float, seed: int
+    settings: RenderSettings, size: RunSize, library: list[Background], held_out: float, seed: int
 ) -> dict[str, RenderedSet]:
     """The sets by name. The user's occluder probability applies to `images`; `clear` has neither
     occluders nor crossing shafts, `occluded` has an occluder in front of each shaft.
@@ -64,7 +64,7 @@ def rendered_sets(
     }
 
 
-def images_per_shard(images: int, size: Size) -> int:
+def images_per_shard(images: int, size: RunSize) -> int:
     """Images per shard of a set: the profile's number, at most half of the set."""
     # One process renders a shard: two shards let a small set use two cores. The number of cores is
     # ignored, because shards must not depend on the machine.

@@ -10,7 +10,7 @@ from shaftpose.core.background_index import read_library
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
-from shaftpose.settings.schema import Distortion, RenderSettings, Size
+from shaftpose.settings.schema import Distortion, RenderSettings, RunSize
 
 # Seeds of the sets, relative to the project's seed, and their share of occluded images.
 SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
@@ -18,7 +18,7 @@ SOURCES_PER_SET = 20
 
 
 def stand_in_sets(
-    settings: RenderSettings, size: Size, seed: int, folder: Path
+    settings: RenderSettings, size: RunSize, seed: int, folder: Path
 ) -> dict[str, RenderedSet]:
     """The sets by name; they share no background. folder: for the backgrounds."""
     images = {"train": size.real, "clear": size.test_set, "occluded": size.test_set}

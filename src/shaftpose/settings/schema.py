@@ -253,7 +253,7 @@ class ClusterSettings:
 
 
 @dataclass(frozen=True, config=_STRICT)
-class Size:
+class RunSize:
     """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys.
 
     The least width gives the backbone's first convolution 8 channels, the least depth each of its

@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from shaftpose.core.errors import InputError
 from shaftpose.settings.parsing import parse
-from shaftpose.settings.schema import Size
+from shaftpose.settings.schema import RunSize
 from shaftpose.settings.tree import Settings, read_settings
 
 logger = logging.getLogger(__name__)
@@ -80,7 +80,7 @@ def resolved_settings(composed: DictConfig, root: Path) -> Settings:
     try:
         # Checked first, because other parts refer to the sizes.
         sizes = OmegaConf.to_container(composed.profiles[composed.profile], resolve=True)
-        parse(Size, sizes, f"conf/profiles.yaml: {composed.profile}.")
+        parse(RunSize, sizes, f"conf/profiles.yaml: {composed.profile}.")
         config = OmegaConf.to_container(composed, resolve=True)
     except OmegaConfBaseException as error:
         raise InputError(f"params.yaml or conf/: {str(error).splitlines()[0]}") from error

@@ -24,9 +24,9 @@ from shaftpose.settings.schema import (
     RenderOptions,
     RenderSettings,
     ReportSettings,
+    RunSize,
     SceneSettings,
     ShaftSettings,
-    Size,
     SplitSettings,
     TrackingSettings,
     TrainerSettings,
@@ -61,7 +61,7 @@ class Settings:
     detection: DetectionSettings
     report: ReportSettings
     tracking: TrackingSettings
-    size: Size
+    size: RunSize
     trainer: TrainerSettings
     variant: Variant
     out: Path
@@ -92,7 +92,7 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
     """
     variant, profile, preset = (composed[name] for name in ("variant", "profile", "preset"))
     elsewhere = {
-        "size": parse(Size, composed["size"], f"conf/profiles.yaml: {profile}."),
+        "size": parse(RunSize, composed["size"], f"conf/profiles.yaml: {profile}."),
         "trainer": parse(TrainerSettings, composed["trainer"], "trainer."),
         "variant": parse(Variant, variant, f"conf/variant/{variant['name']}.yaml: "),
     }

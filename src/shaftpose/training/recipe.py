@@ -15,7 +15,7 @@ from shaftpose.settings.schema import (
     DetectionSettings,
     LossSettings,
     PoseRanges,
-    Size,
+    RunSize,
     TrainerSettings,
     TrainingSettings,
     Variant,
@@ -58,7 +58,7 @@ class Recipe:
 
     seed: int
     variant: Variant
-    size: Size
+    size: RunSize
     camera: CameraSettings
     poses: PoseRanges
     loss: LossSettings
@@ -118,13 +118,13 @@ def training_recipe(settings: Settings) -> Recipe:
 
     Raises InputError if its network cannot read the camera's images.
     """
-    check_image_size(settings.variant, settings.rendering.camera)
+    check_image_size(settings.variant, settings.camera)
     return Recipe(
         seed=settings.seed,
         variant=settings.variant,
         size=settings.size,
-        camera=settings.rendering.camera,
-        poses=settings.rendering.poses,
+        camera=settings.camera,
+        poses=settings.poses,
         loss=settings.loss,
         training=settings.training,
         trainer=settings.trainer,

@@ -4,7 +4,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from shaftpose.network.ssd.scaling import STEM_CHANNELS, block_counts, scale_channels
-from shaftpose.settings.schema import Size
+from shaftpose.settings.schema import RunSize
 
 
 def test_width_rounds_to_multiples_of_four() -> None:
@@ -23,7 +23,7 @@ def test_depth_scales_the_blocks(depth: float, blocks: tuple[int, ...]) -> None:
 
 
 def test_the_least_sizes_of_the_settings_give_a_network_that_can_learn() -> None:
-    width, depth = (get_type_hints(Size, include_extras=True)[key] for key in ("width", "depth"))
+    width, depth = (get_type_hints(RunSize, include_extras=True)[key] for key in ("width", "depth"))
     assert scale_channels(STEM_CHANNELS, TypeAdapter(width).validate_python(0.1875)) == 8
     assert block_counts(TypeAdapter(depth).validate_python(0.17)) == (1, 1, 1)
     assert scale_channels(STEM_CHANNELS, 0.187) < 8 and 0 in block_counts(0.16)
