@@ -1,4 +1,4 @@
-"""Real images as CVAT and Label Studio export them: minimal exports, written by hand."""
+"""COCO files of CVAT and Label Studio: minimal exports, written by hand."""
 
 import json
 import logging

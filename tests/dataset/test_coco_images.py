@@ -1,4 +1,4 @@
-"""Pixels of real images, and the crop to a square."""
+"""Pixels of images without poses, and the crop to a square."""
 
 from pathlib import Path
 
@@ -11,10 +11,7 @@ from shaftpose.core.images import write_jpeg
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.coco_images import CocoImage, CocoInstrument, load_square, read_pixels
 from shaftpose.dataset.compressed_masks import CompressedMask
-
-
-def write_image(path: Path, width: int, height: int) -> None:
-    write_jpeg(np.full((height, width, 3), 90, dtype=np.uint8), path)
+from tests.dataset.coco_files import write_image
 
 
 def test_pixels_of_another_size_than_stated_are_named(tmp_path: Path) -> None:
