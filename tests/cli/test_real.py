@@ -11,7 +11,7 @@ import pytest
 
 from shaftpose.cli import real
 from shaftpose.cli.main import main
-from shaftpose.cli.real import FRAMES, SOURCES, Source, fetch
+from shaftpose.cli.real import FRAMES, REPOSITORIES, Repository, fetch
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb, write_jpeg
 from shaftpose.dataset.coco import check_masks, read_coco
@@ -21,7 +21,7 @@ PARTS = ("train", "test")
 ANNOTATIONS = Path(__file__).parents[2] / "src/shaftpose/cli/real_images"
 
 
-def repository(folder: Path, names: list[str]) -> Source:
+def repository(folder: Path, names: list[str]) -> Repository:
     """A repository in which all files are the same picture, bright in columns 300 to 1000."""
     rgb = np.zeros((720, 1280, 3), dtype=np.uint8)
     rgb[:, 300:1000] = 200
@@ -33,24 +33,28 @@ def repository(folder: Path, names: list[str]) -> Source:
     for arguments in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "pictures"]):
         subprocess.run([*git, *arguments], check=True)
     head = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True)
-    return Source(f"file://{folder}", head.stdout.strip(), "CC0")
+    return Repository(f"file://{folder}", head.stdout.strip(), "CC0")
 
 
 @pytest.fixture(scope="module")
-def sources(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Source]:
+def repositories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Repository]:
     parts = [json.loads((ANNOTATIONS / f"{part}.json").read_text()) for part in PARTS]
     frames = [image["file_name"] for part in parts for image in part["images"]]
     with (ANNOTATIONS / "backgrounds.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    wanted = {name: [row["file"] for row in rows if row["repository"] == name] for name in SOURCES}
+    wanted = {
+        name: [row["file"] for row in rows if row["repository"] == name] for name in REPOSITORIES
+    }
     wanted[FRAMES] += frames
     folder = tmp_path_factory.mktemp("sources")
     return {name: repository(folder / name, files) for name, files in wanted.items()}
 
 
-def test_annotations_and_images_are_joined(sources: dict[str, Source], tmp_path: Path) -> None:
+def test_annotations_and_images_are_joined(
+    repositories: dict[str, Repository], tmp_path: Path
+) -> None:
     out = tmp_path / "endoscopic"
-    fetch(out, sources)
+    fetch(out, repositories)
     train, test = (read_coco(out / f"{part}.json") for part in PARTS)
     check_masks([*train, *test], out)
     assert (len(train), len(test)) == (53, 36)
@@ -59,26 +63,26 @@ def test_annotations_and_images_are_joined(sources: dict[str, Source], tmp_path:
     assert not operations[0] & operations[1]
     axes = np.concatenate([load_square(image, 299).axes for image in test])
     assert np.isfinite(axes).all()
-    for source in sources.values():
+    for source in repositories.values():
         assert source.commit in (out / "SOURCES.txt").read_text()
 
 
 def test_the_command_says_how_to_use_the_images(
-    sources: dict[str, Source],
+    repositories: dict[str, Repository],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(real, "SOURCES", sources)
+    monkeypatch.setattr(real, "REPOSITORIES", repositories)
     main(["real", "fetch", str(tmp_path)])
     assert f"real.source: {tmp_path}\n" in capsys.readouterr().out
     assert len(read_coco(tmp_path / "train.json")) == 53
 
 
 def test_backgrounds_are_squares_of_no_operation_of_the_tests(
-    sources: dict[str, Source], tmp_path: Path
+    repositories: dict[str, Repository], tmp_path: Path
 ) -> None:
-    fetch(tmp_path, sources)
+    fetch(tmp_path, repositories)
     squares = sorted((tmp_path / "backgrounds").rglob("*.jpg"))
     assert len(squares) == 31
     tested = {image.path.name[:5] for image in read_coco(tmp_path / "test.json")}
@@ -90,15 +94,17 @@ def test_backgrounds_are_squares_of_no_operation_of_the_tests(
         assert rgb.mean() > 180  # of the picture's bright columns
 
 
-def test_annotations_are_not_replaced(sources: dict[str, Source], tmp_path: Path) -> None:
+def test_annotations_are_not_replaced(repositories: dict[str, Repository], tmp_path: Path) -> None:
     mine = tmp_path / "test.json"
     mine.write_text("mine")
     with pytest.raises(InputError, match=r"test\.json: would be replaced; name a new folder"):
-        fetch(tmp_path, sources)
+        fetch(tmp_path, repositories)
     assert mine.read_text() == "mine"
 
 
-def test_a_failed_download_is_one_error(sources: dict[str, Source], tmp_path: Path) -> None:
-    missing = sources | {FRAMES: Source(f"file://{tmp_path}/nowhere", "0" * 40, "CC0")}
+def test_a_failed_download_is_one_error(
+    repositories: dict[str, Repository], tmp_path: Path
+) -> None:
+    missing = repositories | {FRAMES: Repository(f"file://{tmp_path}/nowhere", "0" * 40, "CC0")}
     with pytest.raises(InputError, match=r"git: .*nowhere.*; check the connection"):
         fetch(tmp_path / "out", missing)

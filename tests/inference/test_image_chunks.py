@@ -18,8 +18,9 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference import image_chunks
+from shaftpose.inference.chunk_worker import Chunk, PredictedImage, Prediction
 from shaftpose.inference.frames import ImageFile, Source
-from shaftpose.inference.image_chunks import Chunk, PredictedImage, Prediction, predicted_images
+from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.prediction_run import sources

@@ -1,4 +1,4 @@
-"""`shaftpose predict`: poses of the shafts in images, videos and streams (options: options.py)."""
+"""`shaftpose predict`: poses of the shafts in images, videos and streams."""
 
 import argparse
 import sys
@@ -13,9 +13,10 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from shaftpose.core.errors import InputError
+from shaftpose.inference.chunk_worker import PredictedImage
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.frames import Frame, Source
-from shaftpose.inference.image_chunks import PredictedImage, predicted_images
+from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
 from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, sources
@@ -25,9 +26,9 @@ from shaftpose.inference.tracker import ShaftTracker
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write what is found in each frame, and draw it if asked.
+    """Write the shafts of each frame, and draw them if asked.
 
-    Raises InputError if a source failed, after all others.
+    Raises InputError at the end if a source failed.
     """
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
@@ -39,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _predict_alone(options: argparse.Namespace) -> int:
-    """Predict all sources in this process; returns how many failed."""
+    """Predict all sources in this process. Returns the number of sources that failed."""
     finder = _finder_options(options).finder(warn)
     named = named_sources(options.sources)
     tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
@@ -59,10 +60,10 @@ def _predict_alone(options: argparse.Namespace) -> int:
 
 
 def _predict_on_workers(options: argparse.Namespace) -> int:
-    """Predict images on Dask workers; returns how many sources failed.
+    """Predict images on Dask workers. Returns the number of sources that failed.
 
-    Raises InputError if Dask is missing, the scheduler does not answer, more than results is asked
-    for, or a scheduler's workers would need a model of a registry.
+    Raises InputError if Dask is missing, the scheduler does not answer, an option needs the frames
+    in this process, or the model of a registry is to be used on other machines.
     """
     if options.draw or options.rerun or options.track:
         raise InputError("--draw, --rerun, --track: not with --workers; leave out one or the other")
@@ -111,13 +112,13 @@ def _finder_options(options: argparse.Namespace) -> FinderOptions:
 
 
 def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
-    """The options for a process in another folder."""
+    """The options with absolute paths, for a process in another folder."""
     camera = None if options.camera is None else options.camera.absolute()
     return replace(options, model=str(model.absolute()), camera=camera)
 
 
 def named_sources(names: Sequence[str]) -> Iterable[Source]:
-    """The sources; a list unless standard input names some."""
+    """The sources: a list, or an iterator if standard input names some."""
     if "-" in names and isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
     found = sources(names, sys.stdin)
@@ -125,7 +126,10 @@ def named_sources(names: Sequence[str]) -> Iterable[Source]:
 
 
 def progress_bar(named: Iterable[Source], hidden: bool) -> "tqdm[NoReturn]":
-    """A bar over all frames, on a terminal. hidden: the terminal may show results instead."""
+    """A progress bar over all frames, on a terminal.
+
+    hidden: no bar if the terminal shows results.
+    """
     total = None
     if isinstance(named, list):
         lengths = [source.length for source in named]

@@ -25,7 +25,7 @@ _BACKGROUND_PX = 512
 
 
 @dataclass(frozen=True)
-class Source:
+class Repository:
     """A public repository of images at one commit; licence: its terms, for a notice."""
 
     url: str
@@ -34,13 +34,13 @@ class Source:
 
 
 FRAMES = "laparoscopic-dataset"
-SOURCES = {
-    FRAMES: Source(
+REPOSITORIES = {
+    FRAMES: Repository(
         "https://github.com/egoodman92/laparoscopic-dataset",
         "88d8b5108bf9c852d87fc4ca45aa101da5a7cfb2",
         "MIT",
     ),
-    "vocalfolds": Source(
+    "vocalfolds": Repository(
         "https://github.com/imesluh/vocalfolds",
         "82485aea8db1fe87d5a2f6bab8997a1f4ce9d9c4",
         "CC BY 4.0: Laves, Bicker, Kahrs, Ortmaier, A Dataset of Laryngeal Endoscopic Images with "
@@ -51,7 +51,7 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class Crop:
-    """A square of an image of a source; operation: the patient or operation it shows."""
+    """A square of an image in a repository; operation: the patient or operation that it shows."""
 
     repository: str
     file: str
@@ -64,14 +64,14 @@ class Crop:
 def run(options: argparse.Namespace) -> None:
     """Write `images/`, `train.json`, `test.json`, `backgrounds/` and `SOURCES.txt` to a folder."""
     with naming_refusal(options.folder, "name another folder"):
-        fetch(options.folder, SOURCES)
+        fetch(options.folder, REPOSITORIES)
     print(
         f"{options.folder} holds the images. To use them, set in params.yaml:\n"
         f"  real.source: {options.folder}\n  backgrounds.source: {options.folder / 'backgrounds'}"
     )
 
 
-def fetch(out: Path, sources: dict[str, Source]) -> None:
+def fetch(out: Path, repositories: dict[str, Repository]) -> None:
     """Download the images that the annotations need, and write them to a folder.
 
     Raises InputError if the folder holds annotations already, git is missing or a download fails.
@@ -82,19 +82,21 @@ def fetch(out: Path, sources: dict[str, Source]) -> None:
     parts = [read_json(_ANNOTATIONS / name, "install shaftpose again") for name in _PARTS]
     frames = [image["file_name"] for part in parts for image in part["images"]]
     crops = list(_crops(_ANNOTATIONS / "backgrounds.csv"))
-    needed = {name: [crop.file for crop in crops if crop.repository == name] for name in sources}
+    needed = {
+        name: [crop.file for crop in crops if crop.repository == name] for name in repositories
+    }
     needed[FRAMES] += frames
     with tempfile.TemporaryDirectory() as folder:
-        clones = {name: Path(folder) / name for name in sources}
-        for name, source in sources.items():
-            _check_out(source, sorted(set(needed[name])), clones[name])
+        clones = {name: Path(folder) / name for name in repositories}
+        for name, repository in repositories.items():
+            _check_out(repository, sorted(set(needed[name])), clones[name])
         for frame in frames:
             _copy(clones[FRAMES] / frame, out / frame)
         for crop in crops:
             _write_square(clones[crop.repository] / crop.file, crop, out / "backgrounds")
     for name in _PARTS:
         _copy(_ANNOTATIONS / name, out / name)
-    notices = (f"{s.url} at {s.commit}: {s.licence}\n" for s in sources.values())
+    notices = (f"{r.url} at {r.commit}: {r.licence}\n" for r in repositories.values())
     with new_file(out / "SOURCES.txt") as path:
         path.write_text("".join(chain(notices, ["Annotations: the shaftpose project, CC0\n"])))
 
@@ -106,11 +108,11 @@ def _crops(path: Path) -> Iterator[Crop]:
             yield Crop(row["repository"], row["file"], row["operation"], *square)
 
 
-def _check_out(source: Source, paths: Sequence[str], clone: Path) -> None:
-    """Clone a repository without its files, then get those of `paths` at the source's commit."""
-    print(f"downloading {len(paths)} images of {source.url}")
-    _git("clone", "--quiet", "--filter=blob:none", "--no-checkout", source.url, str(clone))
-    _git("-C", str(clone), "checkout", "--quiet", source.commit, "--", *paths)
+def _check_out(repository: Repository, paths: Sequence[str], clone: Path) -> None:
+    """Clone a repository without its files, then get those of `paths` at its commit."""
+    print(f"downloading {len(paths)} images of {repository.url}")
+    _git("clone", "--quiet", "--filter=blob:none", "--no-checkout", repository.url, str(clone))
+    _git("-C", str(clone), "checkout", "--quiet", repository.commit, "--", *paths)
 
 
 def _git(*arguments: str) -> None:
