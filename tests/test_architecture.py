@@ -47,6 +47,14 @@ OWNERS = {
         "src/shaftpose/tracking/sweep_callback.py",
         "src/shaftpose/network/building.py",
     ),
+    "torch": tuple(
+        f"src/shaftpose/{folder}/" for folder in ("dataset", "network", "training", "export")
+    ),
+    "onnxruntime": (
+        "src/shaftpose/inference/",
+        "src/shaftpose/export/",
+        "src/shaftpose/tracking/models.py",
+    ),
     "rerun": ("src/shaftpose/inference/rerun_file.py",),
     "trimesh": ("src/shaftpose/rendering/cad.py",),
 }

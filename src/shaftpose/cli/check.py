@@ -1,6 +1,6 @@
-"""`shaftpose check`: whether this machine has what prediction needs, and suits a camera.
+"""`shaftpose check`: tests whether prediction works on this machine, and with a camera.
 
-Imports packages only while it checks them: a broken one is a finding.
+Packages are imported only while they are checked, so that a broken one is reported.
 """
 
 import argparse
@@ -39,19 +39,19 @@ def run(options: argparse.Namespace) -> None:
 def _passes(name: str, check: Callable[[], str]) -> bool:
     try:
         print(f"{name}: {check()}")
-    except Exception as error:  # whatever it is, it is the finding
+    except Exception as error:  # of any kind: it is the finding
         print(f"{name}: FAILED: {error}")
         return False
     return True
 
 
 def packages() -> str:
-    """Their versions. Raises ImportError if one is missing or lacks a library of the system."""
+    """The versions of all packages. Raises ImportError if one is missing or cannot be loaded."""
     return ", ".join(f"{name} {import_module(name).__version__}" for name in _PACKAGES)
 
 
 def videos() -> str:
-    """Whether OpenCV can write and read a video. Raises InputError if not."""
+    """Write and read a video. Raises InputError if OpenCV cannot."""
     import cv2
     import numpy as np
 
@@ -66,14 +66,14 @@ def videos() -> str:
 
 
 def model(name: str) -> str:
-    """The speed of the model that `--model` names. Raises InputError if it cannot be used."""
+    """The speed of a model, see `model_file`. Raises InputError if it cannot be used."""
     from shaftpose.core.images import centre_square, read_rgb
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
 
     with model_file(name) as file:
         predictor = Predictor(file)
-    # A frame that shows shafts: to fit their poses takes time, too.
+    # A frame that shows shafts, because fitting their poses takes time, too.
     with as_file(files("shaftpose.inference") / "demo_frame.jpg") as frame:
         image = centre_square(read_rgb(frame), predictor.side_px)
     speed = predictor.frames_per_second(image, _SPEED_RUNS)
@@ -81,9 +81,10 @@ def model(name: str) -> str:
 
 
 def camera(path: Path, name: str) -> str:
-    """What a calibrated camera sees of a model's view, and the setting to train for it.
+    """The share of a model's view that a calibrated camera sees, and the setting to train for that
+    camera.
 
-    Raises InputError naming the file if it is no calibration.
+    Raises InputError naming the file if it is not a calibration.
     """
     from shaftpose.inference.calibration_files import read_calibration
     from shaftpose.inference.model_files import model_file

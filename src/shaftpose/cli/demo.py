@@ -1,4 +1,4 @@
-"""`shaftpose demo`: the package's own model on the package's own image and film."""
+"""`shaftpose demo`: the bundled model on the bundled image and film."""
 
 import argparse
 from contextlib import ExitStack
@@ -14,7 +14,7 @@ OPTIONS = ("--view-deg=95", "--diameter-mm=3", "--track", "--draw")
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write poses, picture and film into a folder. Raises UnwritableError if it holds results."""
+    """Write poses, a picture and a film. Raises UnwritableError if the folder holds results."""
     with ExitStack() as stack:
         folder = files("shaftpose.inference")
         paths = [str(stack.enter_context(as_file(folder / name))) for name in EXAMPLES]

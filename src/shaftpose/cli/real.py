@@ -136,7 +136,7 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _write_square(source: Path, crop: Crop, out: Path) -> None:
-    """Write a crop, into a folder of its operation, which counts as one source of backgrounds."""
+    """Write a crop into the folder of its operation, which counts as one source of backgrounds."""
     rgb = read_rgb(source)[crop.y : crop.y + crop.size, crop.x : crop.x + crop.size]
     square = centre_square(rgb, _BACKGROUND_PX)
     name = f"{crop.repository}-{crop.operation}"

@@ -33,9 +33,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def real_images(folder: Path) -> list["CocoImage"]:
-    """What the COCO files of a folder list; nothing if it has none."""
+    """The images in the COCO files of a folder; none without such files."""
     files = [file for name in ("train.json", "test.json") if (file := folder / name).is_file()]
-    if not files:  # rendered images are shown without what `read_coco` needs
+    if not files:  # rendered images need no packages of the extra
         return []
     with _needing("train"):
         from shaftpose.dataset.coco import read_coco
@@ -53,8 +53,8 @@ def draw_squares(images: Sequence["CocoImage"]) -> list[Image]:
 
 @contextmanager
 def _needing(extra: str) -> Iterator[None]:
-    """Import what only an extra of the package brings, inside the function that uses it: prediction
-    has to run without. Raises InputError naming the extra if a package is missing."""
+    """Guard an import of packages from an extra. Such imports stand inside functions, because
+    prediction must run without them. Raises InputError naming the extra if a package is missing."""
     try:
         yield
     except ModuleNotFoundError as error:

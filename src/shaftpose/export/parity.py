@@ -124,8 +124,8 @@ def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:
 
 
 def _pairs(known: Detections, found: Detections) -> dict[int, int]:
-    """Rows of `known` -> rows of `found` whose corners agree within the tolerance, nearest first;
-    each row is in one pair at most."""
+    """Row of `known` -> row of `found` for boxes whose corners agree within the tolerance, see
+    `nearest_pairs`."""
     distances = np.abs(known.boxes[:, None] - found.boxes[None]).max(axis=2)
     return nearest_pairs(distances, BOX_TOLERANCE_PX)
 
@@ -145,7 +145,7 @@ def _differences(
 
 @dataclass(frozen=True, eq=False)
 class _Single:
-    """A detection that only one side has.
+    """A detection on one side alone.
 
     crowded_out: both lists are full, and the other holds only equal or higher scores.
     """
@@ -173,10 +173,10 @@ def _singles(
 
 
 def _verdicts(singles: Sequence[_Single], least_score: float) -> Counter[str]:
-    """The numbers of "tied", "missing" and "extra" ones among those of at least `least_score`.
+    """Counts of "tied", "missing" and "extra" detections with at least `least_score`.
 
-    Of two overlapping boxes of equal score, rounding decides which is kept. Boxes that only one of
-    the two suppresses are tied too. A barely trained network ties often.
+    Rounding decides which of two overlapping boxes of equal score is kept. Boxes that only one of
+    the two suppresses are tied, too. A barely trained network ties often.
     """
     tied: list[_Single] = []
     for single in sorted(singles, key=lambda single: -single.score):

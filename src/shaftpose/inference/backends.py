@@ -18,21 +18,21 @@ _THREADS = "ORT_INTRA_OP_NUM_THREADS"
 
 
 class Network(Protocol):
-    """An opened model, which takes images (N, side_px, side_px, 3) uint8 RGB."""
+    """An opened model for images (N, side_px, side_px, 3) uint8 RGB."""
 
     outputs: list[str]
     metadata: Mapping[str, str]
 
     @property
     def side_px(self) -> int:
-        """The side of its square images."""
+        """The side of its input images."""
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
-        """The values of these outputs."""
+        """Run the model; returns the values of these outputs."""
 
 
 def open_network(path: Path, backend: Backend) -> Network:
-    """The model in a file.
+    """Open a model file.
 
     Raises InputError if the backend is not installed, if the file cannot be read, or if the
     environment variable for the number of threads is not a number.

@@ -1,8 +1,8 @@
 """A user's camera, as OpenCV calibrates it: intrinsics and lens distortion.
 
-`core.geometry.Camera` is the camera of a model and of the renderer: square pixels, and rays that
-fit into closed forms. A calibration maps its rays to the pixels of a real camera, whose pixels need
-not be square, with all of OpenCV's distortions.
+`core.geometry.Camera` is the camera of a model and of the renderer, with square pixels and at most
+radial distortion in closed form. A calibration maps the rays of such a camera to the pixels of a
+real one, which need not be square, with all of OpenCV's distortions.
 """
 
 from dataclasses import dataclass

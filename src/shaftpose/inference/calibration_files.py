@@ -26,7 +26,7 @@ def stated_view(view_deg: float) -> FrameCamera:
 def calibrated(path: Path) -> FrameCamera:
     """The camera in a calibration file, for frames of its size alone.
 
-    Raises InputError naming the file if it is no calibration.
+    Raises InputError naming the file if it is not a calibration.
     """
     calibration = read_calibration(path)
 

@@ -1,6 +1,6 @@
-"""The work on one chunk of images, which a process of another machine may do.
+"""Prediction of one chunk of images, perhaps by a process on another machine.
 
-Such a process must run the same software on the same model.
+Such a process must run the same software and the same model.
 """
 
 import hashlib
@@ -156,7 +156,7 @@ def versions(backend: Backend) -> Versions:
 
 
 def differences(here: Versions, there: Versions) -> str:
-    """The packages whose versions differ, as in `numpy 2.0.0 instead of 2.1.0`; empty if none do."""
+    """The packages whose versions differ, as in `numpy 2.0.0 instead of 2.1.0`, or nothing."""
     own, others = dict(here), dict(there)
     return ", ".join(
         f"{name} {own.get(name, 'none')} instead of {others.get(name, 'none')}"

@@ -77,7 +77,7 @@ def csv_lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
 
 
 class BopLines:
-    """Lines of BOP's table for one run, which may hold a scene only once."""
+    """Lines of BOP's table for one run, in which each scene belongs to one folder or video."""
 
     def __init__(self) -> None:
         self._owners: dict[int, str] = {}  # scene -> its folder or video
@@ -105,7 +105,8 @@ class BopLines:
 
 
 def _bop_numbers(frame: FrameId) -> tuple[int, int]:
-    """Scene and image; BOP's datasets hold SCENE/rgb/IMAGE.png. A video is scene 1."""
+    """Scene and image number, from paths like SCENE/rgb/IMAGE.png of BOP's datasets; of a video,
+    scene 1."""
     if frame.fps is not None:
         return 1, frame.number
     path = Path(frame.source)
