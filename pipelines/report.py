@@ -25,7 +25,7 @@ def main(settings: Settings) -> None:
     train, test = (writing.annotations(shards, read_keys(SPLIT, p)) for p in ("train", "test"))
     report = AblationReport(
         rows=writing.all_rows(evaluations, silhouettes),
-        constant=constant_predictor(train, test).as_dict(),
+        constant=constant_predictor(train, test),
         domain_label=read_domain(Path("data/real")),
         champion=choose_champion(evaluations, settings.report.champion_margin),
         profile=settings.profile,

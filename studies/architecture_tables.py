@@ -18,6 +18,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.metrics.pose_errors import errors_between
+from shaftpose.metrics.table import metrics_of
 from shaftpose.network.building import build_network
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
 from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
@@ -26,7 +27,7 @@ from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.pose_coding import PoseCoder
 from shaftpose.network.ssd.scaling import block_counts
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
-from shaftpose.report import report_tables
+from shaftpose.report.cells import cells, headings
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import VARIANTS, Settings, read_variant
 from studies.page_tables import rewrite, with_tables
@@ -38,7 +39,7 @@ PROFILES = ("paper", "bench", "demo")
 IMAGE = (1, 3, 299, 299)
 SPEEDS = (10, 30, 100)  # sustained TFLOP/s of a GPU
 POSES = 20_000  # in the average of the rounding errors
-ERRORS = tuple(c for c in report_tables.TABLE_I_METRICS if c.name.endswith(("_mm", "_deg")))
+ERRORS = metrics_of("pose")
 
 
 def main() -> None:
@@ -133,8 +134,8 @@ def rounding_table() -> str:
     for names, variant in networks().items():
         coder = pose_coder(variant)
         if isinstance(coder, BinCoder):
-            rows.append([names, *report_tables.cells(rounding_errors(coder), ERRORS)])
-    return pipe_table(["Variant", *(column.heading for column in ERRORS)], rows)
+            rows.append([names, *cells(rounding_errors(coder), ERRORS)])
+    return pipe_table(["Variant", *headings(ERRORS)], rows)
 
 
 def rounding_errors(coder: BinCoder) -> dict[str, float | None]:

@@ -31,12 +31,12 @@ from shaftpose.inference.model_files import (
     checksum,
 )
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.metrics import Metrics
-from shaftpose.metrics.silhouette_iou import SilhouetteScore
-from shaftpose.report.report_tables import cells, show
+from shaftpose.metrics.image_metrics import SilhouetteScore
+from shaftpose.metrics.table import MetricValues, metrics_named, metrics_of
+from shaftpose.report.accuracy_tables import ACCURACY
+from shaftpose.report.cells import cells, headings
 from shaftpose.stage_files import read_stage_file
 from shaftpose.training.data_identity import rendered_digest
-from studies.bundled_errors import COLUMNS
 from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
@@ -45,6 +45,7 @@ from studies.templates import rendered
 ROOT = Path(__file__).parents[1]
 MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_models")
 MOST_BYTES = 8_000_000  # of all bundled models
+SILHOUETTES = (*metrics_named("detected_rate", "iou"), *metrics_of("image"))
 SAME_MAP = 1e-3  # rounding causes smaller differences
 
 
@@ -142,9 +143,10 @@ def refuse_too_large(new: Path, bundled: Path) -> None:
         )
 
 
-def refuse_another(folder: Path, recorded: Evaluation, measured: Metrics) -> None:
+def refuse_another(folder: Path, recorded: Evaluation, measured: MetricValues) -> None:
     """Raise InputError unless the recorded results are those of the folder's model."""
-    now, then = measured.mAP or 0.0, (recorded.refined or recorded.raw).metrics.mAP or 0.0
+    now = measured["mAP"] or 0.0
+    then = (recorded.refined or recorded.raw).metrics["mAP"] or 0.0
     if abs(now - then) > SAME_MAP:
         raise InputError(
             f"{folder}/model.onnx: has a mAP of {now:.3f}, but {then:.3f} was recorded; run "
@@ -178,22 +180,15 @@ def card(
         notice=notice.strip(),
         real=any(images.startswith("real/") for images in scores),
         silhouettes=pipe_table(
-            ["Images", "Detected rate", "IoU", "Tip [px]", "Axis [deg]", "Axis [px]"],
+            ["Images", *headings(SILHOUETTES)],
             [
-                [
-                    f"{images} ({score.images})",
-                    show(score.detected_rate, 3),
-                    show(score.iou, 3),
-                    show(score.tip_px, 1),
-                    show(score.axis_deg, 1),
-                    show(score.axis_px, 1),
-                ]
+                [f"{images} ({score.images})", *cells(vars(score), SILHOUETTES)]
                 for images, score in scores.items()
             ],
         ),
         errors=pipe_table(
-            ["File", *(column.heading for column in COLUMNS)],
-            [[name, *cells(metrics.as_dict(), COLUMNS)] for name, metrics in files.items()],
+            ["File", *headings(ACCURACY)],
+            [[name, *cells(metrics, ACCURACY)] for name, metrics in files.items()],
         ),
     )
 

@@ -17,14 +17,15 @@ from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import CARD_SUFFIX, DEFAULT, FOLDER, bundled_model, checksum
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict_shards
-from shaftpose.metrics.metrics import Metrics, evaluate
-from shaftpose.report.report_tables import TABLE_I_METRICS, cells
+from shaftpose.metrics.metrics import evaluate
+from shaftpose.metrics.table import MetricValues
+from shaftpose.report.accuracy_tables import ACCURACY
+from shaftpose.report.cells import cells, headings, show
 from shaftpose.stage_files import read_stage_file
 from studies.page_tables import rewrite, with_tables
 
 RECORDS = Path("reports/bundled")
 COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by model_card.md.j2
-COLUMNS = tuple(column for column in TABLE_I_METRICS if column.name != "fps")
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class BundledErrors:
     """What was measured of a bundled model. model: the line of its checksum."""
 
     model: str
-    metrics: Metrics
+    metrics: MetricValues
 
 
 def main() -> None:
@@ -49,7 +50,7 @@ def main() -> None:
         write_json(RECORDS / f"{name}.json", asdict(record))
 
 
-def recorded(root: Path, name: str = DEFAULT) -> Metrics:
+def recorded(root: Path, name: str = DEFAULT) -> MetricValues:
     """What was measured of a bundled model.
 
     Raises InputError if there is no record below `root`, or one of another model.
@@ -62,19 +63,20 @@ def recorded(root: Path, name: str = DEFAULT) -> Metrics:
     return record.metrics
 
 
-def measured(predictor: Predictor, images: Path) -> Metrics:
+def measured(predictor: Predictor, images: Path) -> MetricValues:
     """Metrics on all images of a folder of shards, at the model's confidence threshold."""
     shards = ShardedDataset(images)
     return evaluate(*predict_shards(predictor, shards, shards.keys), predictor.confidence)
 
 
-def table(metrics: Metrics) -> str:
+def table(metrics: MetricValues) -> str:
     """What was measured, and the errors, as Markdown."""
-    errors = pipe_table([column.heading for column in COLUMNS], [cells(metrics.as_dict(), COLUMNS)])
+    errors = pipe_table(headings(ACCURACY), [cells(metrics, ACCURACY)])
+    images, shafts = (show(metrics[name], 0) for name in ("images", "instruments"))
     return (
-        f"On {metrics.images:,} other renders, with {metrics.instruments:,} "
-        f"shafts. Errors are means over\nthe shafts that were found, with a score of at least "
-        f"{metrics.confidence:.3f}.\n\n{errors}"
+        f"On {images} other renders, with {shafts} shafts. Errors are means over\n"
+        "the shafts that were found, with a score of at least "
+        f"{show(metrics['confidence'], 3)}.\n\n{errors}"
     )
 
 

@@ -25,13 +25,15 @@ from shaftpose.inference.tracker import matches
 from shaftpose.inference.tracks import tip_and_axis
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.metrics.pose_errors import errors_between
+from shaftpose.metrics.table import metrics_named
+from shaftpose.report.cells import headings
 from studies.moving_shafts import FILM, FPS, POSES
 from studies.page_tables import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE, PICTURE = ROOT / "docs/prediction.md", ROOT / "docs/images/film.gif"
 RUNS = {"each frame alone": "alone", "`--track`": "tracked"}
-HEADINGS = ("x [mm]", "y [mm]", "z [mm]", "Pitch [deg]", "Yaw [deg]")
+HEADINGS = headings(metrics_named(*POSE_DIMENSIONS))
 NEAR_MM = 12.0  # a tip further away belongs to another shaft
 EVERY, COLOURS = 3, 96  # frames of the film and colours in the picture
 

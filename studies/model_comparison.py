@@ -9,9 +9,10 @@ from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict_shards
-from shaftpose.metrics.metrics import Metrics, evaluate
+from shaftpose.metrics.metrics import evaluate
 from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
-from shaftpose.report.report_tables import show
+from shaftpose.metrics.table import MetricValues
+from shaftpose.report.cells import show
 
 # Limits: change of the mAP, mean change of poses as a share of their mean error, and least share of
 # common detections, as rounding moves a few scores across the confidence threshold.
@@ -27,8 +28,8 @@ class Comparison:
     growth: the relative change of each mean error over the shafts that both find.
     """
 
-    exported: Metrics
-    stored: Metrics
+    exported: MetricValues
+    stored: MetricValues
     shared: float
     moved: Mapping[str, float | None]
     growth: Mapping[str, float]
@@ -36,13 +37,15 @@ class Comparison:
     @property
     def map_change(self) -> float:
         """The stored model's mAP minus the exported one's."""
-        return (self.stored.mAP or 0.0) - (self.exported.mAP or 0.0)
+        return (self.stored["mAP"] or 0.0) - (self.exported["mAP"] or 0.0)
 
     @property
     def holds(self) -> bool:
         """Whether the stored model is as good as the exported one."""
-        errors = ("tip_mm", self.exported.tip_mm), ("axis_deg", self.exported.axis_deg)
-        close = [(self.moved[name] or 0.0) <= POSE_CHANGE * (own or 0.0) for name, own in errors]
+        close = [
+            (self.moved[name] or 0.0) <= POSE_CHANGE * (self.exported[name] or 0.0)
+            for name in ("tip_mm", "axis_deg")
+        ]
         return self.shared >= LEAST_SHARED and abs(self.map_change) <= MAP_CHANGE and all(close)
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from shaftpose.metrics.binned_errors import ErrorBin
-from shaftpose.metrics.common_instruments import FoundInstruments
+from shaftpose.metrics.pose_errors import FoundInstruments
 from shaftpose.report.ablation import VariantRow
 from shaftpose.stage_files import MixedInImages, read_stage_file
 

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shaftpose.figures.binned_errors_figure import FEWEST
 from shaftpose.figures.markdown import pipe_table
+from shaftpose.figures.variant_figures import FEWEST
 from shaftpose.report.ablation import AblationReport
-from shaftpose.report.report import blocks
+from shaftpose.report.page import blocks
 from shaftpose.settings.parsing import flatten
 from studies.record import EvaluatedTraining
 from studies.sweep_jobs import NO_VALUE
@@ -35,8 +35,8 @@ def to_page(
         scales=scale_tables(records),
         rounding=rounding,
         profile=report.profile,
-        run="\n\n".join(blocks(report, "###")),
-        real="\n\n".join(blocks(real, "###")) if real else "",
+        run=blocks(report, "###"),
+        real=blocks(real, "###") if real else "",
         fewest=FEWEST,
         sweeps={name: _sweep(*table) for name, table in sweeps.items()},
         no_value=NO_VALUE,

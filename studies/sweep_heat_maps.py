@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from shaftpose.figures.style import GRID, INK, finish, new_figure
+from shaftpose.metrics.table import metrics_named
 from studies.sweep_jobs import (
     SweepJob,
     in_order,
@@ -17,7 +18,6 @@ from studies.sweep_jobs import (
 )
 
 NOTHING_RIGHT = "no correct\ndetection"
-_ERRORS = ("_mm", "_deg")  # name endings of metrics for which lower is better
 _CELL, _CHARACTER = 0.75, 0.085  # inches
 
 
@@ -75,14 +75,15 @@ def _grid(jobs: Sequence[SweepJob], metric: str, across: str, up: str) -> np.nda
 
 def _draw_map(axes: Axes, grid: np.ndarray, metric: str) -> None:
     """Draw the cells of a `_grid` with their values, the first row at the bottom."""
-    less = metric.endswith(_ERRORS)
+    (row_of_table,) = metrics_named(metric.rpartition("/")[2])
+    less = not row_of_table.higher_is_better
     colours = colormaps["viridis_r" if less else "viridis"].with_extremes(bad=GRID)
     cells = axes.pcolormesh(grid, cmap=colours, edgecolors="white", linewidth=2)
     title = f"{metric}\n{'lower' if less else 'higher'} is better"
     axes.set_title(title, color=INK, fontsize=10)
     for (row, column), value in np.ndenumerate(grid):
         dark = cells.to_rgba(value)[1] < 0.5  # in viridis, lighter colours have more green
-        text = NOTHING_RIGHT if np.isnan(value) else f"{value:.{2 if less else 3}f}"
+        text = NOTHING_RIGHT if np.isnan(value) else f"{value:.{row_of_table.digits}f}"
         colour, size = "white" if dark else INK, 7.5 if np.isnan(value) else 9
         axes.text(
             column + 0.5, row + 0.5, text, color=colour, fontsize=size, ha="center", va="center"

@@ -5,25 +5,19 @@ from dataclasses import dataclass, replace
 
 from matplotlib.figure import Figure
 
-from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.figures.binned_errors_figure import binned_error_figure
-from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.figures.markdown import pipe_table
-from shaftpose.metrics.common_instruments import common_instruments, means_on
-from shaftpose.report import report_tables
+from shaftpose.figures.variant_figures import binned_error_figure, learning_curve_figure
+from shaftpose.metrics.pose_errors import common_instruments, means_on
+from shaftpose.metrics.table import Metric, metrics_of
 from shaftpose.report.ablation import VariantRow
-from shaftpose.report.report import table_i_block
-from shaftpose.report.report_tables import TABLE_I_METRICS
+from shaftpose.report.accuracy_tables import ACCURACY, rows_beside_paper
+from shaftpose.report.cells import MISSING, cells, headings
 from shaftpose.stage_files import STAND_IN
 from studies import paper_order
 from studies.aggregate import Scale, by_scale, distinctions, rows_of
 from studies.record import EvaluatedTraining
 
-COMMON_COLUMNS = tuple(
-    column for column in TABLE_I_METRICS if column.name in (*POSE_DIMENSIONS, "axis_deg", "tip_mm")
-)
-DECIMALS = {column.name: column.decimals for column in TABLE_I_METRICS}
-HEADINGS = {column.name: column.heading for column in TABLE_I_METRICS}
+POSE = metrics_of("pose")
 # Prefixes of picture names.
 CURVES_PICTURE, ERRORS_PICTURE = "curves", "errors"
 PICTURES = (CURVES_PICTURE, ERRORS_PICTURE)
@@ -93,18 +87,15 @@ def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
 
 def _of_scale(differences: str, scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
     rows, domain_label = rows_of(alike), _domain_of(alike)
-    columns = report_tables.TRAINING_COLUMNS
-    compared = report_tables.beside_paper(rows, domain_label, columns)
     seeds = "; ".join(
-        f"{line.title}: {', '.join(map(str, row.seeds))}"
-        for row, line in zip(rows, compared, strict=True)
+        f"{row.title_cell(domain_label)}: {', '.join(map(str, row.seeds))}" for row in rows
     )
     return ScaleTables(
         heading=f"{scale.training_images:,} images, {scale.steps:,} steps",
         differences=differences,
         sentence=scale.sentence(),
         seeds=seeds,
-        table=table_i_block(compared, columns),
+        table=rows_beside_paper(rows, domain_label, ACCURACY),
         common=_common_errors(alike, domain_label) if len(alike) > 1 else None,
         curves=_picture(CURVES_PICTURE, scale),
         errors=_picture(ERRORS_PICTURE, scale),
@@ -114,20 +105,14 @@ def _of_scale(differences: str, scale: Scale, alike: Sequence[EvaluatedTraining]
 def _common_errors(alike: Sequence[EvaluatedTraining], domain_label: str) -> CommonErrors:
     common = common_instruments([record.found for record in alike])
     rows = rows_of([_with_errors_on(common, record) for record in alike])
-    lines = [
-        [
-            row.shown_title(domain_label),
-            *report_tables.cells(row.metrics, COMMON_COLUMNS, row.spread),
-        ]
-        for row in rows
-    ]
-    table = pipe_table(["Variant", *(column.heading for column in COMMON_COLUMNS)], lines)
+    lines = [[row.title_cell(domain_label), *cells(row.metrics, POSE, row.spread)] for row in rows]
+    table = pipe_table(["Variant", *headings(POSE)], lines)
     return CommonErrors(len(common), alike[0].found.total, table, _order(rows, domain_label))
 
 
 def _with_errors_on(instruments: set[int], record: EvaluatedTraining) -> EvaluatedTraining:
     """The record with its detection metrics and its errors on these instruments only."""
-    finding = {name: record.row.metrics.get(name) for name in paper_order.DETECTION}
+    finding = {one.name: record.row.metrics.get(one.name) for one in metrics_of("detection")}
     metrics = finding | means_on(record.found, instruments)
     return replace(record, row=replace(record.row, metrics=metrics))
 
@@ -137,20 +122,19 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> str:
     found = paper_order.changes(rows)
     if not found:
         return ""
-    titles = {row.variant: row.shown_title(domain_label) for row in rows if not row.refined}
+    titles = {row.variant: row.title_cell(domain_label) for row in rows if not row.refined}
     lines = [
         [f"{titles[before]} to {titles[after]}"]
-        + [_cell(metric, changes.get(metric)) for metric in paper_order.METRICS]
+        + [_cell(metric, changes.get(metric.name)) for metric in paper_order.METRICS]
         for (before, after), changes in found.items()
     ]
-    headings = ["Step", *(HEADINGS[metric] for metric in paper_order.METRICS)]
-    return pipe_table(headings, lines)
+    return pipe_table(["Step", *headings(paper_order.METRICS)], lines)
 
 
-def _cell(metric: str, change: paper_order.Change | None) -> str:
+def _cell(metric: Metric, change: paper_order.Change | None) -> str:
     if change is None:
-        return report_tables.MISSING
-    return f"{change.difference:+.{DECIMALS[metric]}f} {change.verdict}"
+        return MISSING
+    return f"{change.difference:+.{metric.digits}f} {change.verdict}"
 
 
 def _picture(name: str, scale: Scale) -> str:

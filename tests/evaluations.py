@@ -7,9 +7,8 @@ import numpy as np
 
 from shaftpose.evaluation.results import Accuracy, Evaluation
 from shaftpose.metrics.binned_errors import binned_errors
-from shaftpose.metrics.common_instruments import found_instruments
-from shaftpose.metrics.metrics import Metrics
-from shaftpose.metrics.pose_errors import errors_between
+from shaftpose.metrics.pose_errors import errors_between, found_instruments
+from shaftpose.metrics.table import MetricValues
 from shaftpose.settings.schema import PoseRanges
 from shaftpose.stage_files import DataRecord, MixedInImages, TrainingRecord
 
@@ -18,10 +17,10 @@ RANGES = PoseRanges(
 )
 POSES = np.array([[0.0, 0.0, 20.0, 70.0, 100.0]])
 ERRORS = errors_between(POSES + 1, POSES)
-METRICS = Metrics(
-    mAP=0.5, detected_rate=0.5, **ERRORS.means(), images=20, instruments=3, detections=1,
-    confidence=0.5,
-)  # fmt: skip
+METRICS: MetricValues = {
+    "mAP": 0.5, "detected_rate": 0.5, **ERRORS.means(), "images": 20, "instruments": 3,
+    "detections": 1, "confidence": 0.5,
+}  # fmt: skip
 SIZE = {"optimizer": "muon", "detector_steps": 5, "batch_size": 4, "width": 0.125, "depth": 0.25}
 TRAINING = TrainingRecord(
     training_id="0123456789abcdef",
@@ -45,8 +44,8 @@ def with_real(domain: str) -> TrainingRecord:
 def accuracy(**metrics: Any) -> Accuracy:
     """One of three instruments, found 1 mm and 1 deg off, with the given metrics."""
     return Accuracy(
-        metrics=replace(METRICS, **metrics),
-        binned_errors=binned_errors(ERRORS, np.ones(1), np.ones(1), RANGES),
+        metrics={**METRICS, **metrics},
+        binned_errors=binned_errors(ERRORS, np.ones(1), np.ones(1), RANGES.low, RANGES.high),
         found=found_instruments(ERRORS, 3),
         precision_recall={"recall": [0.5], "precision": [1.0], "scores": [0.9]},
     )
@@ -60,6 +59,6 @@ def evaluation(title: str, training: TrainingRecord = TRAINING, **changed: Any) 
         detection={"nms_iou": 0.45},
         raw=changed.pop("raw", accuracy()),
         refined=changed.pop("refined", None),
-        validation=replace(METRICS, mAP=0.2, tip_mm=None),
+        validation={**METRICS, "mAP": 0.2, "tip_mm": None},
         curves=[(1, "training/box", 1.0), (1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)],
     )

@@ -26,7 +26,8 @@ HEAVY = [
 # Import name -> distribution, where the names differ or the distribution pins the imported one.
 PACKAGES = {
     "cv2": "opencv-python-headless", "dask": "distributed", "hydra": "hydra-core",
-    "omegaconf": "hydra-core", "rerun": "rerun-sdk", "yaml": "pyyaml",
+    "markdown_it": "markdown-it-py", "omegaconf": "hydra-core", "rerun": "rerun-sdk",
+    "yaml": "pyyaml",
 }  # fmt: skip
 # Extras -> parts of the package that need only these.
 PARTS = {

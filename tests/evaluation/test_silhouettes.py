@@ -61,7 +61,7 @@ def test_scores_of_a_set_by_hand(tmp_path: Path) -> None:
     assert (score.detected_rate, score.images, score.instruments) == (0.75, 4, 4)
     assert score.iou == pytest.approx((1 + 3 / 5 + 1 / 3) / 4)
     assert score.tip_px == pytest.approx(10)  # the median of 0, 10 and 20
-    assert (score.axis_deg, score.axis_px) == (pytest.approx(0), pytest.approx(0))
+    assert (score.image_axis_deg, score.axis_px) == (pytest.approx(0), pytest.approx(0))
     assert scores.refined is not None
     unsure = scores.refined["real/clear"]  # at its own threshold
     assert (unsure.detected_rate, unsure.iou, unsure.tip_px) == (0, 0, None)

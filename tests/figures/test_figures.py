@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from shaftpose.figures.accuracy_figures import pose_error_figure, precision_recall_figure
-from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.figures.style import save_figure
-from shaftpose.metrics.detection.average_precision import PrecisionRecall
+from shaftpose.figures.variant_figures import learning_curve_figure
+from shaftpose.metrics.detection.precision_recall import PrecisionRecall
 from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.report.ablation import VariantRow
 from shaftpose.report.ablation_figure import ablation_figure

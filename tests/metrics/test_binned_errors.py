@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.figures.binned_errors_figure import binned_error_figure
+from shaftpose.figures.variant_figures import binned_error_figure
 from shaftpose.metrics.binned_errors import BINS, binned_errors
 from shaftpose.metrics.pose_errors import errors_between, pose_errors
 from shaftpose.settings.schema import PoseRanges
@@ -21,8 +21,12 @@ ERRORS = errors_between(WRONG, TRUE)
 RANGES = PoseRanges(
     x_mm=(-20, 20), y_mm=(-20, 20), z_mm=(10, 40), pitch_deg=(50, 90), yaw_deg=(0, 358)
 )
+LIMITS = RANGES.low, RANGES.high
 FOUND = binned_errors(
-    ERRORS, np.array([1.0, 0.4, 0.8, 1.0]), np.array([5.0, 15.0, 15.0, 149.0]), RANGES
+    ERRORS,
+    np.array([1.0, 0.4, 0.8, 1.0]),
+    np.array([5.0, 15.0, 15.0, 149.0]),
+    *LIMITS,
 )
 
 
@@ -44,7 +48,7 @@ def test_medians_of_each_bin():
 def test_the_bias_of_the_depth_keeps_its_sign():
     # Near shafts 1, 3 and 4 mm too far, a far one 2 mm too near.
     wrong = TRUE + np.outer([1, 3, 4, -2], [0, 0, 1, 0, 0])
-    bins = binned_errors(errors_between(wrong, TRUE), np.ones(4), np.ones(4), RANGES)
+    bins = binned_errors(errors_between(wrong, TRUE), np.ones(4), np.ones(4), *LIMITS)
     assert [one.z_bias_mm for one in bins["z_mm"]] == [3.0, None, None, None, None, -2.0]
 
 
@@ -57,7 +61,8 @@ def test_yaw_is_counted_from_the_seam_on_both_sides():
 
 
 def test_the_seam_is_where_the_range_of_yaw_begins():
-    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), replace(RANGES, yaw_deg=(-180, 178)))
+    other = replace(RANGES, yaw_deg=(-180, 178))
+    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), other.low, other.high)
     beside = {one.low: one.count for one in bins["yaw_from_seam_deg"] if one.low in (-10, 0)}
     assert beside == {-10: 0, 0: 1}  # 180 deg
 
@@ -70,7 +75,7 @@ def test_every_instrument_is_in_one_bin_of_each_quantity():
 
 def test_the_bins_of_depth_and_pitch_divide_the_ranges_that_poses_come_from():
     far = replace(RANGES, z_mm=(10, 130), pitch_deg=(40, 90))
-    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), far)
+    bins = binned_errors(ERRORS, np.ones(4), np.ones(4), far.low, far.high)
     assert [one.low for one in bins["z_mm"]] == [10, 30, 50, 70, 90, 110]
     assert [one.count for one in bins["z_mm"]] == [3, 1, 0, 0, 0, 0]
     assert [one.high for one in bins["pitch_deg"]] == [50, 60, 70, 80, 90]
@@ -82,7 +87,7 @@ def test_the_visible_fraction_is_that_of_the_instrument_that_was_found():
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     known = [Annotations(boxes[:1], TRUE[:1]), Annotations(boxes, TRUE[:2])]
     found = [nothing, Detections(boxes[1:], np.ones(1), TRUE[1:2])]
-    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), np.ones(1), RANGES)
+    bins = binned_errors(pose_errors(found, known), np.array([1.0, 1.0, 0.4]), np.ones(1), *LIMITS)
     assert [one.count for one in bins["visible_fraction"]] == [1, 0, 0, 0, 0]
 
 
@@ -104,7 +109,7 @@ def test_the_figure_shows_the_medians_of_bins_that_hold_enough():
 def test_the_figure_shows_the_bias_of_the_depth_where_it_was_measured():
     wrong = np.repeat(TRUE + np.outer([1, 3, 4, -2], [0, 0, 1, 0, 0]), 5, axis=0)
     errors = errors_between(wrong, np.repeat(TRUE, 5, axis=0))
-    bins = binned_errors(errors, np.ones(20), np.ones(20), RANGES)
+    bins = binned_errors(errors, np.ones(20), np.ones(20), *LIMITS)
     old = {name: [replace(one, z_bias_mm=None) for one in row] for name, row in bins.items()}
     assert len(binned_error_figure({"C": old}).axes) == 10
     axes = binned_error_figure({"C": old, "D": bins}).axes[10]

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.bootstrap import interval, mean_interval
-from shaftpose.metrics.detection.average_precision import (
+from shaftpose.metrics.detection.precision_recall import (
     average_precision,
     precision_recall,
     resampled_average_precision,
 )
 from shaftpose.metrics.metrics import evaluate
 from shaftpose.metrics.pose_errors import pose_errors
-from shaftpose.metrics.summary import summary
+from shaftpose.metrics.summary import interval, mean_interval, summary
 
 BOXES = np.array([[0.0, 0.0, 10.0, 10.0], [50.0, 50.0, 80.0, 80.0]])
 POSE = np.array([5.0, 5.0, 20.0, 70.0, 100.0])
@@ -49,14 +48,14 @@ def test_intervals_surround_the_metrics() -> None:
     result = summary(found, known, errors, further)
     for name, ends in (("mAP", result.mAP), ("detected_rate", result.detected_rate)):
         assert ends is not None
-        assert ends[0] < getattr(metrics, name) < ends[1]
+        assert ends[0] < metrics[name] < ends[1]
     tip, twice = result.errors["tip_mm"], result.errors["twice_mm"]
-    assert tip.mean == pytest.approx(metrics.tip_mm)
+    assert tip.mean == pytest.approx(metrics["tip_mm"])
     assert tip.interval[0] < tip.mean < tip.interval[1]
     assert tip.median == pytest.approx(np.median(errors.tip_mm))
     assert tip.p95 == pytest.approx(np.quantile(errors.tip_mm, 0.95))
     assert twice.interval == pytest.approx((2 * tip.interval[0], 2 * tip.interval[1]))
-    half = evaluate(found, known, 0.5).detected_rate
+    half = evaluate(found, known, 0.5)["detected_rate"]
     assert result.detected_rate_at_half == half
 
 
@@ -85,3 +84,24 @@ def test_a_set_in_which_nothing_is_found_has_no_errors() -> None:
     result = summary([nothing], known, pose_errors([nothing], known), {})
     assert result.errors == {}
     assert (result.mAP, result.detected_rate) == ((0, 0), (0, 0))
+
+
+def test_a_means_interval_is_that_of_the_normal_theory() -> None:
+    values = np.random.default_rng(3).normal(10, 2, size=400)
+    found = mean_interval(values.tolist())
+    assert found is not None
+    half = 1.96 * values.std() / 20
+    assert found == pytest.approx((values.mean() - half, values.mean() + half), abs=0.03)
+
+
+def test_equal_values_have_no_spread_and_runs_agree() -> None:
+    assert mean_interval([0.5] * 7) == (0.5, 0.5)
+    assert mean_interval([0.0, 1.0, 3.0]) == mean_interval([0.0, 1.0, 3.0])
+
+
+def test_undefined_statistics_have_no_interval() -> None:
+    assert mean_interval([]) is None
+    assert interval(3, lambda drawn: None) is None
+    # Undefined where image 0 is not drawn: the others decide.
+    found = interval(3, lambda drawn: 1.0 if 0 in drawn else None)
+    assert found == (1.0, 1.0)

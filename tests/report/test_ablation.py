@@ -9,7 +9,7 @@ from tests.evaluations import METRICS, accuracy, evaluation
 
 def validated(mAP: float | None, tip_mm: float | None = None) -> Evaluation:
     one = evaluation("any")
-    return replace(one, validation=replace(METRICS, mAP=mAP, tip_mm=tip_mm))
+    return replace(one, validation={**METRICS, "mAP": mAP, "tip_mm": tip_mm})
 
 
 def test_the_least_tip_error_among_the_best_wins() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from shaftpose.core.files import write_json
 from shaftpose.evaluation.results import Silhouettes
-from shaftpose.metrics.silhouette_iou import SilhouetteScore
+from shaftpose.metrics.image_metrics import SilhouetteScore
 from shaftpose.report import writing
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_rows
 from tests.evaluations import accuracy, evaluation, with_real

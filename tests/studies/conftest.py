@@ -13,11 +13,10 @@ from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
-from shaftpose.metrics.metrics import Metrics
 from shaftpose.training.data_identity import rendered_digest
 from studies.model_comparison import Comparison
 from tests.conftest import BOXES, SIDE
-from tests.evaluations import accuracy, evaluation, with_real
+from tests.evaluations import METRICS, accuracy, evaluation, with_real
 from tests.studies.test_evaluate_trainings import write_training
 
 POSES = {"x_mm": [-20.0, 20.0], "pitch_deg": [50.0, 90.0]}
@@ -67,8 +66,7 @@ def training(constant_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def comparison(**changed: Any) -> Comparison:
     """A comparison for a model with errors of 2 mm and 4 deg."""
-    own = Metrics(0.9, 0.9, 1, 1, 1, 1, 1, 4.0, 2.0, images=5, instruments=5, detections=5,
-                  confidence=0.5)  # fmt: skip
+    own = METRICS | {"mAP": 0.9, "detected_rate": 0.9, "axis_deg": 4.0, "tip_mm": 2.0}
     moved = {"tip_mm": 0.05, "axis_deg": 0.1}
     growth = dict.fromkeys(("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg"), 0.0)
-    return replace(Comparison(own, replace(own, mAP=0.897), 0.99, moved, growth), **changed)
+    return replace(Comparison(own, own | {"mAP": 0.897}, 0.99, moved, growth), **changed)

@@ -10,9 +10,9 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.metrics.binned_errors import BINS, ErrorBin
-from shaftpose.metrics.common_instruments import FoundInstruments
+from shaftpose.metrics.pose_errors import FoundInstruments
 from shaftpose.report.ablation import AblationReport, Champion, VariantRow
-from shaftpose.report.report import to_json
+from shaftpose.report.page import to_json
 from shaftpose.stage_files import MixedInImages
 from studies import write_results_page as results_page
 from studies.aggregate import by_scale, repeated, rows_of

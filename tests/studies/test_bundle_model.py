@@ -15,7 +15,7 @@ from shaftpose.evaluation.results import Silhouettes
 from shaftpose.inference import model_files
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.silhouette_iou import SilhouetteScore
+from shaftpose.metrics.image_metrics import SilhouetteScore
 from studies import bundle_model
 from studies.model_frames import complaints
 from tests.conftest import BOXES
@@ -82,7 +82,7 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
 def test_a_model_of_real_images_states_what_was_measured_and_whose_they_are(
     training: Path,
 ) -> None:
-    fitted = SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, axis_deg=1.5)
+    fitted = SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, image_axis_deg=1.5)
     scores = Silhouettes({"real/clear": SilhouetteScore(0.9, 0.5, 27, 40)}, {"real/clear": fitted})
     write_json(training / "silhouette.json", asdict(scores))
     root = training.parents[1] / "root"
@@ -159,5 +159,5 @@ def test_a_comparison_holds_within_its_limits() -> None:
     assert not comparison(shared=0.94).holds
     assert not comparison(moved={"tip_mm": 0.11, "axis_deg": 0.1}).holds
     assert not comparison(moved={"tip_mm": 0.05, "axis_deg": 0.21}).holds
-    assert not comparison(stored=replace(comparison().exported, mAP=0.894)).holds
+    assert not comparison(stored={**comparison().exported, "mAP": 0.894}).holds
     assert not comparison(shared=0.0, moved={"tip_mm": None, "axis_deg": None}).holds

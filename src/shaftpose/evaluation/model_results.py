@@ -2,7 +2,6 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +22,11 @@ from shaftpose.figures.style import save_figure
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.binned_errors import binned_errors
-from shaftpose.metrics.common_instruments import found_instruments
-from shaftpose.metrics.detection.average_precision import PrecisionRecall, precision_recall
-from shaftpose.metrics.metrics import Metrics, evaluate
-from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
+from shaftpose.metrics.metrics import compared, evaluate, measured
+from shaftpose.metrics.pose_errors import PoseErrors, found_instruments
 from shaftpose.metrics.summary import Summary, summary
 from shaftpose.metrics.symmetric_errors import symmetric_errors
+from shaftpose.metrics.table import MetricValues
 from shaftpose.origin import origin
 from shaftpose.refinement.bound import pose_bound
 from shaftpose.settings.parsing import as_plain
@@ -52,11 +50,10 @@ class ModelResults:
         self.shards, self.keys, self.confidence = shards, keys, confidence
         self.predictor = predictor
         self.found, self.known = predict_shards(predictor, shards, keys)
-        metrics = evaluate(self.found, self.known, confidence)
+        images = compared(self.found, self.known, confidence)
+        self.curve, self.errors = images.curve, images.errors
         fps = predictor.frames_per_second(shards.rgb(keys[0]))
-        self.metrics: Metrics = replace(metrics, fps=fps)
-        self.curve: PrecisionRecall = precision_recall(self.found, self.known)
-        self.errors: PoseErrors = pose_errors(self.found, self.known, confidence)
+        self.metrics: MetricValues = {**measured(images), "fps": fps}
 
     def write_figures(self, folder: Path, title: str) -> dict[str, Path]:
         """Draw the figures: title -> file."""
@@ -90,7 +87,7 @@ class ModelResults:
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
         return prediction_sheet(list(rgb), known, found, list(cameras), columns)
 
-    def metrics_on(self, keys: Sequence[str]) -> Metrics:
+    def metrics_on(self, keys: Sequence[str]) -> MetricValues:
         """The model's metrics on other images of the shards."""
         found, known = predict_shards(self.predictor, self.shards, keys)
         return evaluate(found, known, self.confidence)
@@ -103,7 +100,9 @@ class ModelResults:
         border = np.array([camera.border_px(camera.project(tip)) for camera, tip in tips])
         return Accuracy(
             metrics=self.metrics,
-            binned_errors=binned_errors(self.errors, visible, border, rendering.poses),
+            binned_errors=binned_errors(
+                self.errors, visible, border, rendering.poses.low, rendering.poses.high
+            ),
             found=found_instruments(self.errors, len(visible)),
             precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
             summary=self._summary(rendering.shaft, cameras),

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from shaftpose.metrics.binned_errors import ErrorBin
-from shaftpose.metrics.common_instruments import FoundInstruments
-from shaftpose.metrics.metrics import Metrics
-from shaftpose.metrics.silhouette_iou import SilhouetteScore
+from shaftpose.metrics.image_metrics import SilhouetteScore
+from shaftpose.metrics.pose_errors import FoundInstruments
 from shaftpose.metrics.summary import Summary
+from shaftpose.metrics.table import MetricValues, metrics_named
 from shaftpose.origin import Origin
 from shaftpose.stage_files import TrainingRecord
 
@@ -20,7 +20,7 @@ class Accuracy:
     summary: None in results of older versions.
     """
 
-    metrics: Metrics
+    metrics: MetricValues
     binned_errors: Mapping[str, Sequence[ErrorBin]]
     found: FoundInstruments
     precision_recall: Mapping[str, Sequence[float]]
@@ -41,14 +41,14 @@ class Evaluation:
     detection: Mapping[str, Any]
     raw: Accuracy
     refined: Accuracy | None
-    validation: Metrics
+    validation: MetricValues
     curves: Sequence[tuple[int, str, float]]
     origin: Origin | None = None
 
-    def metrics(self) -> dict[str, dict[str, float | int | None]]:
+    def metrics(self) -> dict[str, MetricValues]:
         """Metrics of raw and, if there are any, of refined poses."""
         kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
-        return {kind: accuracy.metrics.as_dict() for kind, accuracy in kinds.items()}
+        return {kind: accuracy.metrics for kind, accuracy in kinds.items()}
 
 
 @dataclass(frozen=True)
@@ -62,13 +62,14 @@ class Silhouettes:
     raw: Mapping[str, SilhouetteScore]
     refined: Mapping[str, SilhouetteScore] | None = None
 
-    def rates(self) -> dict[str, dict[str, dict[str, float | None]]]:
-        """Detected rate and IoU by kind of poses and set of images."""
+    def rates(self) -> dict[str, dict[str, MetricValues]]:
+        """The metrics of Table II by kind of poses and set of images."""
         kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
+        names = [metric.name for metric in metrics_named("detected_rate", "iou")]
         return {
             kind: {
-                images: {"detected_rate": one.detected_rate, "iou": one.iou}
-                for images, one in scores.items()
+                images: {name: getattr(score, name) for name in names}
+                for images, score in scores.items()
             }
             for kind, scores in kinds.items()
         }

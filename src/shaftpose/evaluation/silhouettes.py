@@ -1,7 +1,6 @@
 """Comparison of a model's poses, as silhouettes, with the masks of images (paper, Table II)."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from shaftpose.evaluation.results import Silhouettes
 from shaftpose.figures.drawing import FOUND, TRUTH, contact_sheet, draw_caption, draw_masks
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict
-from shaftpose.metrics.image_axes import image_errors
-from shaftpose.metrics.silhouette_iou import (
+from shaftpose.metrics.image_metrics import (
     SilhouetteScore,
+    image_errors,
     silhouette_iou,
     silhouette_score,
 )
@@ -73,16 +72,7 @@ def _score(
     known = [image.known for image in images]
     axes, cameras = [image.axes for image in images], [image.camera for image in images]
     errors = image_errors(found, known, axes, cameras, confidence)
-    return replace(
-        silhouette_score(found, known, overlaps, confidence),
-        tip_px=_median(errors.tip_px),
-        axis_deg=_median(errors.axis_deg),
-        axis_px=_median(errors.axis_px),
-    )
-
-
-def _median(errors: NDArray[np.float64]) -> float | None:
-    return float(np.median(errors)) if len(errors) else None
+    return silhouette_score(found, known, overlaps, errors, confidence)
 
 
 def _silhouettes(

@@ -16,8 +16,7 @@ from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import predict_shards
-from shaftpose.metrics.detection.average_precision import precision_recall
-from shaftpose.metrics.detection.operating_point import best_confidence
+from shaftpose.metrics.detection.precision_recall import best_confidence, precision_recall
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork
 from shaftpose.settings.choices import Refinement

@@ -14,7 +14,7 @@ from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.tracker import nearest_pairs
-from shaftpose.metrics.detection.boxes import box_iou
+from shaftpose.metrics.detection.matching import box_iou
 from shaftpose.network.detector import ShaftDetector
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.figures.style import (
     COLOURS,
     INK,
@@ -15,11 +16,12 @@ from shaftpose.figures.style import (
     line_style,
     new_figure,
 )
-from shaftpose.metrics.detection.average_precision import PrecisionRecall, average_precision
-from shaftpose.metrics.detection.boxes import Array
+from shaftpose.metrics.detection.matching import Array
+from shaftpose.metrics.detection.precision_recall import PrecisionRecall, average_precision
 from shaftpose.metrics.pose_errors import PoseErrors
+from shaftpose.metrics.table import metrics_named
 
-POSE_LABELS = ("x [mm]", "y [mm]", "z [mm]", "pitch [deg]", "yaw [deg]")
+POSE_LABELS = [metric.heading.lower() for metric in metrics_named(*POSE_DIMENSIONS)]
 BINS = 12
 
 

@@ -1,14 +1,20 @@
-"""Tables in Markdown."""
+"""Text and tables in Markdown."""
 
+import re
 from collections.abc import Iterable, Sequence
+
+# Underscores within a word are no markup.
+_MARKUP = re.compile(r"[\\`*<\[\]&~]|(?<![^\W_])_|_(?![^\W_])")
 
 
 def pipe_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of cells as text."""
+    """A table of cells in Markdown; a bare `|`, which would end its cell, is escaped."""
     lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join("| " + " | ".join(escape(cell) for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
 
 
-def escape(cell: str) -> str:
-    """Text as it stands in a table: a bare `|` would end its cell."""
-    return cell.replace("|", "\\|")
+def escape(text: str) -> str:
+    """Plain text as Markdown that shows it as it is."""
+    return _MARKUP.sub(r"\\\g<0>", text)

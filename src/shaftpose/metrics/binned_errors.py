@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import signed_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
-from shaftpose.metrics.detection.boxes import Array
+from shaftpose.metrics.detection.matching import Array
 from shaftpose.metrics.pose_errors import PoseErrors
-from shaftpose.settings.schema import PoseRanges
 
 # Number of equal bins in the range of a quantity, or bin edges. Yaw is measured from the seam, the
 # lower end of its range (358 deg meets 0), where a regressed angle jumps.
@@ -43,29 +42,34 @@ class ErrorBin:
 
 
 def binned_errors(
-    errors: PoseErrors, visible_fractions: Array, border_px: Array, ranges: PoseRanges
+    errors: PoseErrors,
+    visible_fractions: Array,
+    border_px: Array,
+    low: Sequence[float],
+    high: Sequence[float],
 ) -> dict[str, list[ErrorBin]]:
     """The bins of each quantity of `BINS`; the outer bins include values beyond their edges.
 
     visible_fractions: (G,) of all instruments of the set, indexed by `errors.instruments`;
-    border_px: (M,) distances of the true tips from the image's border; ranges: from which poses are
-    drawn.
+    border_px: (M,) distances of the true tips from the image's border; low, high: (5,) limits of
+    the poses.
     """
+    ranges = dict(zip(POSE_DIMENSIONS, zip(low, high, strict=True), strict=True))
     true = dict(zip(POSE_DIMENSIONS, errors.true_poses.T, strict=True))
     values = {
         "z_mm": true["z_mm"],
         "pitch_deg": true["pitch_deg"],
-        "yaw_from_seam_deg": signed_deg(true["yaw_deg"] - ranges.yaw_deg[0]),
+        "yaw_from_seam_deg": signed_deg(true["yaw_deg"] - ranges["yaw_deg"][0]),
         "visible_fraction": visible_fractions[errors.instruments],
         "border_px": border_px,
     }
     return {name: _bins(errors, values[name], _edges(name, ranges)) for name in BINS}
 
 
-def _edges(name: str, ranges: PoseRanges) -> list[float]:
+def _edges(name: str, ranges: Mapping[str, tuple[float, float]]) -> list[float]:
     bins = BINS[name]
     if isinstance(bins, int):
-        low, high = getattr(ranges, name)
+        low, high = ranges[name]
         return [float(edge) for edge in np.linspace(low, high, bins + 1)]
     return list(bins)
 

@@ -1,53 +1,24 @@
 """All metrics of a test set, and those of the constant predictor."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import unsigned_deg
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.detection.average_precision import average_precision, precision_recall
-from shaftpose.metrics.detection.boxes import Array
-from shaftpose.metrics.detection.detected_rate import detected_rate
-from shaftpose.metrics.pose_errors import YAW, PoseErrors, errors_between, pose_errors
+from shaftpose.metrics.detection.matching import Array
+from shaftpose.metrics.detection.precision_recall import precision_recall
+from shaftpose.metrics.pose_errors import YAW, errors_between, pose_errors
+from shaftpose.metrics.table import METRICS, ComparedImages, MetricValues
 
 
-@dataclass(frozen=True)
-class Metrics:
-    """Metrics of a test set; None is "not measured" or "undefined" (JSON null).
-
-    `x_mm` to `tip_mm` are mean errors of the matched instruments. `detections` counts scores of at
-    least `confidence`. `fps` is measured elsewhere and may be added.
-    """
-
-    mAP: float | None
-    detected_rate: float | None
-    x_mm: float | None
-    y_mm: float | None
-    z_mm: float | None
-    pitch_deg: float | None
-    yaw_deg: float | None
-    axis_deg: float | None
-    tip_mm: float | None
-    images: int
-    instruments: int
-    detections: int
-    confidence: float
-    fps: float | None = None
-
-    def as_dict(self) -> dict[str, float | int | None]:
-        """Plain values by name, ready for JSON."""
-        return asdict(self)
-
-
-def evaluate(
+def compared(
     detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
-) -> Metrics:
-    """Metrics of `detections[i]` against `annotations[i]`.
+) -> ComparedImages:
+    """`detections[i]` compared with `annotations[i]`, pose errors at a confidence threshold.
 
-    The mAP uses all detections; detected rate and pose errors use scores of at least `confidence`.
     Raises InputError unless there are as many of both.
     """
     if len(detections) != len(annotations):
@@ -55,11 +26,35 @@ def evaluate(
             f"{len(detections)} images have detections and {len(annotations)} annotations: give "
             "both for the same images, in the same order"
         )
-    errors = pose_errors(detections, annotations, confidence)
-    return _metrics(detections, annotations, errors, confidence)
+    return ComparedImages(
+        detections,
+        annotations,
+        confidence,
+        precision_recall(detections, annotations),
+        pose_errors(detections, annotations, confidence),
+    )
 
 
-def constant_predictor(train: Sequence[Annotations], test: Sequence[Annotations]) -> Metrics:
+def measured(images: ComparedImages) -> MetricValues:
+    """The metrics of a test set, its numbers of images and instruments, the number of detections
+    with a score of at least `confidence`, and this threshold."""
+    values = {one.name: one.measure(images) for one in METRICS if one.measure}
+    return values | {
+        "images": len(images.annotations),
+        "instruments": images.instruments,
+        "detections": int(np.sum(images.curve.scores >= images.confidence)),
+        "confidence": images.confidence,
+    }
+
+
+def evaluate(
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
+) -> MetricValues:
+    """The metrics of `detections[i]` against `annotations[i]`, see `compared` and `measured`."""
+    return measured(compared(detections, annotations, confidence))
+
+
+def constant_predictor(train: Sequence[Annotations], test: Sequence[Annotations]) -> MetricValues:
     """Metrics of a predictor that returns the training set's mean box and mean pose.
 
     A network that does not beat these numbers has learned nothing. The mean yaw is the direction
@@ -71,26 +66,7 @@ def constant_predictor(train: Sequence[Annotations], test: Sequence[Annotations]
     guess = Detections(box[None], np.ones(1), pose[None])
     true = np.concatenate([np.empty((0, 5)), *_known_poses(test)])
     errors = errors_between(np.tile(pose, (len(true), 1)), true)
-    return _metrics([guess] * len(test), test, errors)
-
-
-def _metrics(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    errors: PoseErrors,
-    confidence: float = 0.5,
-) -> Metrics:
-    curve = precision_recall(detections, annotations)
-    instruments = sum(len(known.boxes) for known in annotations)
-    return Metrics(
-        mAP=average_precision(curve) if instruments else None,
-        detected_rate=detected_rate(detections, annotations, confidence),
-        **errors.means(),
-        images=len(annotations),
-        instruments=instruments,
-        detections=int(np.sum(curve.scores >= confidence)),
-        confidence=confidence,
-    )
+    return measured(replace(compared([guess] * len(test), test), errors=errors))
 
 
 def _mean_box(annotations: Sequence[Annotations]) -> Array:

@@ -1,15 +1,20 @@
-"""Pose errors of the detected instruments."""
+"""Pose errors of the detected instruments, also on those that several trainings detected.
 
-from collections.abc import Sequence
+Mean errors cover only detected instruments. A network that detects few, easy instruments therefore
+looks more precise; on the instruments that all networks detected, none has that advantage.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from shaftpose.core.geometry import axis_direction, signed_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections
-from shaftpose.metrics.detection.boxes import Array, Indices, matched_poses
+from shaftpose.metrics.detection.matching import Array, Indices, matched_poses
 
 YAW = POSE_DIMENSIONS.index("yaw_deg")
+DECIMALS = 3  # of recorded mm and deg: far finer than a network or a robot resolves
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,10 @@ class PoseErrors:
 def pose_errors(
     detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
 ) -> PoseErrors:
-    """Errors of every instrument that a detection with a score of at least `confidence` hits, see
-    `matched_poses`. Images without known poses are skipped."""
+    """Errors of the instruments that a detection with a score of at least `confidence` matches.
+
+    Images without known poses are skipped.
+    """
     predicted, true = [np.empty((0, 5))], [np.empty((0, 5))]
     instruments, offset = [np.empty(0, dtype=np.intp)], 0
     for found, known in zip(detections, annotations, strict=True):
@@ -79,3 +86,38 @@ def _angles_deg(a: Array, b: Array) -> Array:
     """Angles (M,) between unit vectors (M, 3); unlike arccos, also exact for small angles."""
     sine = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(sine, np.sum(a * b, axis=-1)))
+
+
+@dataclass(frozen=True)
+class FoundInstruments:
+    """The instruments that a training detected, of `total` in a test set, and their errors.
+
+    instruments: their numbers across the set; errors: of each of them, by metric name.
+    """
+
+    total: int
+    instruments: Sequence[int]
+    errors: Mapping[str, Sequence[float]]
+
+
+def found_instruments(errors: PoseErrors, total: int) -> FoundInstruments:
+    """Rounded pose errors on a test set of `total` instruments, as plain numbers."""
+    return FoundInstruments(
+        total,
+        errors.instruments.tolist(),
+        {name: values.round(DECIMALS).tolist() for name, values in errors.by_name.items()},
+    )
+
+
+def common_instruments(trainings: Sequence[FoundInstruments]) -> set[int]:
+    """The instruments of one test set that all trainings detected."""
+    return set.intersection(*(set(found.instruments) for found in trainings))
+
+
+def means_on(found: FoundInstruments, instruments: set[int]) -> dict[str, float | None]:
+    """Mean errors of one training on the given instruments; None if it detected none."""
+    chosen = [n for n, instrument in enumerate(found.instruments) if instrument in instruments]
+    return {
+        name: float(np.mean([values[n] for n in chosen])) if chosen else None
+        for name, values in found.errors.items()
+    }

@@ -1,22 +1,27 @@
-"""How sure the metrics of a test set are, and how their errors are spread."""
+"""Confidence intervals of a test set's metrics, and the spread of its errors.
 
-from collections.abc import Mapping, Sequence
+Intervals are bootstrap percentiles (Efron, 1979).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.bootstrap import Interval, interval
-from shaftpose.metrics.detection.average_precision import resampled_average_precision
-from shaftpose.metrics.detection.boxes import Array
-from shaftpose.metrics.detection.detected_rate import detected_rate
+from shaftpose.metrics.detection.matching import Array, detected_rate
+from shaftpose.metrics.detection.precision_recall import resampled_average_precision
 from shaftpose.metrics.pose_errors import PoseErrors
+
+Interval = tuple[float, float]
+
+_RESAMPLES, _SHARE = 1000, 0.95
 
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Of one error: the 95 % interval of its mean, its median and its 95th percentile."""
+    """Mean of an error with its 95 % interval, median and 95th percentile."""
 
     mean: float
     interval: Interval
@@ -26,11 +31,14 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class Summary:
-    """Of a test set: intervals, and errors by metric name; None where they are undefined."""
+    """Intervals of a test set's metrics, and its errors by metric name.
+
+    Undefined values are None. detected_rate_at_half: at the confidence threshold 0.5.
+    """
 
     mAP: Interval | None
     detected_rate: Interval | None
-    detected_rate_at_half: float | None  # at the confidence threshold 0.5
+    detected_rate_at_half: float | None
     errors: Mapping[str, ErrorSummary]
 
 
@@ -42,7 +50,7 @@ def summary(
 ) -> Summary:
     """The summary of a test set.
 
-    errors: of the detected instruments; further: other errors (M,) of the same instruments.
+    errors: of the detected instruments; further: other errors (M,) of these instruments by name.
     """
     image_of = np.repeat(np.arange(len(annotations)), [len(known.boxes) for known in annotations])
     shown, found = (
@@ -62,7 +70,7 @@ def summary(
 
 
 def _error_summary(values: Array, images: NDArray[np.intp], count: int) -> ErrorSummary:
-    """images: (M,) image of each value, of `count` images; values that are NaN do not count."""
+    """images: (M,) image of each value, among `count` images; NaN does not count."""
     defined = np.isfinite(values)
     values, images = values[defined], images[defined]
     sums, counts = np.bincount(images, values, count), np.bincount(images, minlength=count)
@@ -84,3 +92,25 @@ def _ratio_interval(parts: NDArray[np.generic], wholes: NDArray[np.intp]) -> Int
         return float(parts[drawn].sum() / whole) if whole else None
 
     return interval(len(wholes), ratio)
+
+
+def interval(count: int, statistic: Callable[[NDArray[np.intp]], float | None]) -> Interval | None:
+    """The 95 % interval of a statistic of `count` images.
+
+    Images are resampled, not instruments: those of one image depend on each other. statistic: of
+    the images with these numbers; None where it is undefined. Returns None if it is undefined in
+    all resamples.
+    """
+    rng = np.random.default_rng(0)
+    values = [statistic(rng.integers(count, size=count)) for _ in range(_RESAMPLES if count else 0)]
+    defined = [value for value in values if value is not None]
+    if not defined:
+        return None
+    low, high = np.quantile(defined, [(1 - _SHARE) / 2, (1 + _SHARE) / 2])
+    return float(low), float(high)
+
+
+def mean_interval(values: Sequence[float]) -> Interval | None:
+    """The interval of the mean of one value per image."""
+    array = np.array(values)
+    return interval(len(array), lambda drawn: float(array[drawn].mean()))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.metrics.detection.boxes import Array
+from shaftpose.metrics.detection.matching import Array
 
 MODEL_MM = 10.0  # length of the model from the tip
 _RINGS, _CORNERS = 5, 64

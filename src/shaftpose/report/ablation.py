@@ -6,31 +6,29 @@ from dataclasses import asdict, dataclass, field, replace
 
 from shaftpose.core.errors import InputError
 from shaftpose.evaluation.results import Accuracy, Evaluation, Silhouettes
+from shaftpose.figures.markdown import escape
 from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.summary import Summary
+from shaftpose.metrics.table import MetricValues
 from shaftpose.origin import Origin
-from shaftpose.report.paper_numbers import TABLE_I
+from shaftpose.report.paper_numbers import TABLE_I, PaperRow
 from shaftpose.stage_files import REAL, STAND_IN
-
-MetricValues = Mapping[str, float | int | None]
 
 
 @dataclass(frozen=True)
 class VariantRow:
     """One variant, trained once or several times with different seeds.
 
-    `metrics` are those of `Metrics.as_dict()`, means over `seeds`; `spread` is half the range of
-    each, empty for a single training. `width` and `depth` multiply the backbone's channels and
-    blocks, None for a network without the paper's backbone; `detector_steps` are the steps of the
-    detector that training started from, 0 for random weights; `parameters` is the number of
-    weights. `mixed_in_images` are real or stand-in training images in addition to
-    `training_images`. Only variants that the paper lacks need a `title`. `summary` is None for
-    means of several trainings, and in results of older versions. `depths` are the bins of the true
-    depth, none in results of older versions. `training_id`: as in MLflow; `data`: digests of the
-    rendered images with their split and of images that were mixed in; `origin`: of the evaluation.
-    Results of older versions lack these three. `refined`: whether the poses are fitted ones.
-    `silhouettes`: fields of a `SilhouetteScore` by set of images (`rendered/clear`,
-    `rendered/occluded`, and both for the domain, such as `stand-in/clear`).
+    metrics: see `metrics.metrics.measured`, means over `seeds`; spread: half the range of each,
+    empty for a single training. width, depth: of the paper's backbone, None for other networks;
+    detector_steps: of the detector that training started from, 0 for random weights; parameters:
+    number of weights; mixed_in_images: training images without poses, besides `training_images`;
+    title: only for variants that the paper lacks. refined: whether the poses are fitted ones;
+    silhouettes: fields of a `SilhouetteScore` by set of images, such as `rendered/clear`.
+
+    Of one training alone, and lacking in results of older versions: summary; depths, the bins of
+    the true depth; training_id, as in MLflow; origin, of the evaluation. data: digests of the
+    rendered images with their split, and of images that were mixed in.
     """
 
     variant: str
@@ -55,6 +53,16 @@ class VariantRow:
     origin: Origin | None = None
     refined: bool = False
     silhouettes: Mapping[str, MetricValues] = field(default_factory=dict)
+
+    @property
+    def paper(self) -> PaperRow | None:
+        """The paper's row, which has no fit."""
+        return None if self.refined else TABLE_I.get(self.variant)
+
+    def title_cell(self, domain: str, best: bool = False) -> str:
+        """`shown_title` in Markdown; best: in bold."""
+        title = escape(self.shown_title(domain))
+        return f"**{title}**" if best else title
 
     def shown_title(self, domain: str) -> str:
         """The title by which readers know the row: the paper's, else its own, else its name.
@@ -131,9 +139,9 @@ def _row(name: str, evaluation: Evaluation, accuracy: Accuracy) -> VariantRow:
     return VariantRow(
         variant=name,
         title=evaluation.title,
-        metrics=metrics.as_dict(),
+        metrics=metrics,
         training_images=training.data.training_images,
-        test_images=metrics.images,
+        test_images=int(metrics["images"] or 0),
         steps=training.steps,
         batch_size=size["batch_size"],
         width=size["width"] if scaled else None,
@@ -157,7 +165,7 @@ def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Cha
     Both are those on the validation images: a choice by test metrics would bias these metrics. A
     variant that detected no instrument has no tip error and comes last.
     """
-    validation = {name: one.validation.as_dict() for name, one in evaluations.items()}
+    validation = {name: one.validation for name, one in evaluations.items()}
     precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
     close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
     tips = {name: validation[name].get("tip_mm") for name in close}

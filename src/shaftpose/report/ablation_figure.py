@@ -7,20 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from shaftpose.figures.style import COLOURS, SOFT, finish, legend, new_figure
-from shaftpose.report import paper_numbers
-from shaftpose.report.ablation import MetricValues, VariantRow
+from shaftpose.metrics.table import MetricValues, metrics_of
+from shaftpose.report.ablation import VariantRow
 
-ABLATION_PANELS = {
-    "mAP": "mAP",
-    "detected_rate": "detected rate",
-    "tip_mm": "tip error [mm]",
-    "x_mm": "x error [mm]",
-    "y_mm": "y error [mm]",
-    "z_mm": "z error [mm]",
-    "pitch_deg": "pitch error [deg]",
-    "yaw_deg": "yaw error [deg]",
-    "axis_deg": "axis error [deg]",
-}
+PANELS = metrics_of("detection", "pose")
 
 
 def ablation_figure(
@@ -28,10 +18,12 @@ def ablation_figure(
 ) -> Figure:
     """Bars of each variant's metrics, with the paper's values and the constant predictor's."""
     figure = new_figure(12.0, 2.2 + 1.05 * len(rows))
-    panels = figure.subplots(3, 3, sharey=True).ravel()
-    for axes, (name, label) in zip(panels, ABLATION_PANELS.items(), strict=True):
-        _draw_ablation(axes, name, rows, constant)
-        finish(axes, label, "")
+    panels = figure.subplots(-(-len(PANELS) // 3), 3, sharey=True).ravel()
+    for unused in panels[len(PANELS) :]:
+        unused.remove()
+    for axes, metric in zip(panels, PANELS, strict=False):
+        _draw_ablation(axes, metric.name, rows, constant)
+        finish(axes, metric.label, "")
         axes.grid(visible=False, axis="y")
     titles = [row.shown_title(domain_label) for row in rows]
     panels[0].set_yticks(range(len(rows)), titles)
@@ -45,7 +37,7 @@ def _draw_ablation(
 ) -> None:
     values = [_number(row.metrics.get(name)) for row in rows]
     axes.barh(range(len(rows)), values, height=0.55, color=COLOURS[0], label="ours")
-    paper = [_number(getattr(paper_numbers.TABLE_I.get(r.variant), name, None)) for r in rows]
+    paper = [_number(getattr(row.paper, name, None)) for row in rows]
     axes.plot(
         paper,
         range(len(rows)),

@@ -13,13 +13,12 @@ from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.evaluation.results import Accuracy, Evaluation, Silhouettes
 from shaftpose.figures.accuracy_figures import precision_recall_figure
-from shaftpose.figures.binned_errors_figure import binned_error_figure
-from shaftpose.figures.learning_curves_figure import learning_curve_figure
 from shaftpose.figures.style import save_figure
-from shaftpose.metrics.detection.average_precision import PrecisionRecall
+from shaftpose.figures.variant_figures import binned_error_figure, learning_curve_figure
+from shaftpose.metrics.detection.precision_recall import PrecisionRecall
 from shaftpose.report.ablation import AblationReport, VariantRow, variant_rows
 from shaftpose.report.ablation_figure import ablation_figure
-from shaftpose.report.report import to_html, to_json, to_markdown
+from shaftpose.report.page import to_html, to_json, to_markdown
 from shaftpose.stage_files import read_stage_file
 
 logger = logging.getLogger(__name__)

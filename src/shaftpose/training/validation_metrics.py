@@ -4,13 +4,13 @@ from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
 
-from shaftpose.core.instruments import POSE_DIMENSIONS, Annotations, Detections, unpadded
+from shaftpose.core.instruments import Annotations, Detections, unpadded
 from shaftpose.dataset.batches import Batch, Targets
-from shaftpose.metrics.detection.average_precision import precision_recall
-from shaftpose.metrics.detection.operating_point import best_confidence
+from shaftpose.metrics.detection.precision_recall import best_confidence, precision_recall
 from shaftpose.metrics.metrics import evaluate
+from shaftpose.metrics.table import METRICS
 
-LOGGED = ("mAP", "detected_rate", *POSE_DIMENSIONS, "axis_deg", "tip_mm")
+LOGGED = [metric.name for metric in METRICS if metric.measure]
 
 
 class ValidationMetrics(Callback):
@@ -51,7 +51,7 @@ class ValidationMetrics(Callback):
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the metrics that have a value; pose errors have none if nothing was found."""
         confidence = best_confidence(precision_recall(self._found, self._known))
-        metrics = evaluate(self._found, self._known, confidence).as_dict()
+        metrics = evaluate(self._found, self._known, confidence)
         known = {name: value for name in LOGGED if (value := metrics[name]) is not None}
         # Each rank of a distributed training validates on all images: there is nothing to gather.
         pl_module.log_dict(

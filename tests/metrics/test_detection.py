@@ -1,4 +1,4 @@
-"""Boxes, average precision and detected rate against hand-computed examples."""
+"""Boxes, average precision, detected rate and the confidence threshold by hand."""
 
 from collections.abc import Sequence
 
@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.detection.average_precision import average_precision, precision_recall
-from shaftpose.metrics.detection.boxes import best_instruments, box_iou
-from shaftpose.metrics.detection.detected_rate import detected_rate
+from shaftpose.metrics.detection.matching import best_instruments, box_iou, detected_rate
+from shaftpose.metrics.detection.precision_recall import (
+    PrecisionRecall,
+    average_precision,
+    best_confidence,
+    precision_recall,
+)
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]
 
@@ -117,3 +121,21 @@ def test_one_box_finds_only_one_of_two_crossing_shafts():
 
 def test_detected_rate_without_instruments_is_undefined():
     assert detected_rate([found((0.9, LEFT))], [known()]) is None
+
+
+def test_best_confidence_is_the_score_of_the_best_f1():
+    # Four instruments; detections are right, right, wrong, right, wrong:
+    # F1 = 2 * hits / (detections + 4) = 2/5, 4/6, 4/7, 6/8, 6/9.
+    curve = PrecisionRecall(
+        recall=np.array([1, 2, 2, 3, 3]) / 4,
+        precision=np.array([1, 2, 2, 3, 3]) / np.arange(1, 6),
+        scores=np.array([0.9, 0.8, 0.7, 0.3, 0.2]),
+    )
+    assert best_confidence(curve) == 0.3
+
+
+def test_nothing_right_leaves_one_half():
+    nothing = PrecisionRecall(np.empty(0), np.empty(0), np.empty(0))
+    wrong = PrecisionRecall(np.zeros(2), np.zeros(2), np.array([0.9, 0.1]))
+    assert best_confidence(nothing) == 0.5
+    assert best_confidence(wrong) == 0.5

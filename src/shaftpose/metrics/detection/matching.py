@@ -1,9 +1,11 @@
-"""Overlap of boxes, and matching of detected ones to instruments."""
+"""Matching of detections to instruments by the overlap of their boxes."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.instruments import Detections
+from shaftpose.core.instruments import Annotations, Detections
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -48,15 +50,33 @@ def first_hits(instruments: Indices) -> Indices:
 def matched_poses(
     detections: Detections, instruments: Array, confidence: float
 ) -> tuple[Array, Indices]:
-    """The poses (M, 5) of the detections that find one of the instruments (G, 4) each, and which
-    one, (M,).
+    """Poses (M, 5) of matched detections, and the numbers (M,) of their instruments.
 
-    A detection with a score of at least `confidence` is matched to the instrument that it overlaps
-    most, if their IoU is at least `IOU_THRESHOLD`. Of several detections of an instrument, the best
-    score counts.
+    instruments: boxes (G, 4). A detection with a score of at least `confidence` matches the
+    instrument that it overlaps most, if their IoU is at least `IOU_THRESHOLD`. Of several
+    detections of an instrument, the best score counts.
     """
     found = detections.above(confidence)
     order = np.argsort(-found.scores, kind="stable")
     hit = best_instruments(found.boxes[order], instruments)
     first = first_hits(hit)
     return found.poses[order][first], hit[first]
+
+
+def detected_rate(
+    detections: Sequence[Detections], annotations: Sequence[Annotations], confidence: float = 0.5
+) -> float | None:
+    """Share of instruments that a detection with a score of at least `confidence` matches (paper,
+    IV-A).
+
+    One box cannot detect two crossing shafts. A second detection of an instrument is not an error.
+    None if the images show no instrument.
+    """
+    instruments = sum(len(known.boxes) for known in annotations)
+    if not instruments:
+        return None
+    hits = [
+        first_hits(best_instruments(found.above(confidence).boxes, known.boxes))
+        for found, known in zip(detections, annotations, strict=True)
+    ]
+    return sum(map(len, hits)) / instruments

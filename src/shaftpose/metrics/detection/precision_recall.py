@@ -1,4 +1,4 @@
-"""Average precision as defined by PASCAL VOC 2010, for the one class "instrument"."""
+"""Precision and recall, average precision (PASCAL VOC 2010) and the best confidence threshold."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.detection.boxes import Array, Indices, best_instruments, first_hits
+from shaftpose.metrics.detection.matching import Array, Indices, best_instruments, first_hits
 
 
 @dataclass(frozen=True)
@@ -89,3 +89,17 @@ def _hit_instruments(
         hits.append(np.where(best >= 0, best + offset, -1))
         offset += len(known.boxes)
     return np.concatenate(hits)
+
+
+def best_confidence(curve: PrecisionRecall) -> float:
+    """The confidence threshold with the best F1, the harmonic mean of precision and recall; 0.5 if
+    no detection is a true positive.
+
+    Scores are not probabilities: with three hard negatives for each positive, they stay low after a
+    short training. The curve must come from validation images, not from test images.
+    """
+    total = curve.precision + curve.recall
+    if not np.any(total > 0):
+        return 0.5
+    f1 = 2 * curve.precision * curve.recall / np.where(total > 0, total, 1.0)
+    return float(curve.scores[f1.argmax()])

@@ -9,7 +9,12 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.metrics.metrics import constant_predictor, evaluate
-from shaftpose.metrics.pose_errors import errors_between, pose_errors
+from shaftpose.metrics.pose_errors import (
+    FoundInstruments,
+    errors_between,
+    found_instruments,
+    pose_errors,
+)
 
 LEFT, RIGHT, FAR = [0, 0, 10, 10], [50, 0, 60, 10], [200, 200, 210, 210]
 POSE = [1.0, 2.0, 20.0, 70.0, 100.0]
@@ -71,21 +76,21 @@ def test_evaluate_gives_every_name_of_the_conventions():
     truth = [Annotations(array(LEFT, RIGHT), array(POSE, POSE))]
     guesses = array(np.array(POSE) + [1, -2, 2, 3, -4], POSE)
     finds = [Detections(array(LEFT, FAR), np.array([0.9, 0.2]), guesses)]
-    metrics = evaluate(finds, truth).as_dict()
+    metrics = dict(evaluate(finds, truth))
     # Great circle between pitches 70 and 73 deg whose yaws are 4 deg apart, by the haversine:
     # sin^2(a / 2) = sin^2(1.5 deg) + sin(70 deg) sin(73 deg) sin^2(2 deg), so a = 4.8357 deg.
     assert metrics.pop("axis_deg") == pytest.approx(4.8357, abs=1e-4)
     assert metrics == {
         "mAP": 0.5, "detected_rate": 0.5, "x_mm": 1, "y_mm": 2, "z_mm": 2, "pitch_deg": 3,
         "yaw_deg": 4, "tip_mm": 3, "images": 1, "instruments": 2, "detections": 1,
-        "confidence": 0.5, "fps": None,
+        "confidence": 0.5,
     }  # fmt: skip
 
 
 def test_unmatched_metrics_are_null_and_never_nan():
     truth = [Annotations(array(LEFT), array(POSE))]
     nothing = [Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))]
-    content = json.loads(json.dumps(evaluate(nothing, truth).as_dict(), allow_nan=False))
+    content = json.loads(json.dumps(evaluate(nothing, truth), allow_nan=False))
     assert content["mAP"] == content["detected_rate"] == 0
     assert all(content[name] is None for name in ("x_mm", "yaw_deg", "axis_deg", "tip_mm"))
 
@@ -99,11 +104,11 @@ def test_an_image_without_a_shaft_costs_precision_and_no_rate():
         Detections(array(LEFT), np.array([s]), array(POSE)) for s in (0.9, 0.8, 0.7)
     )
     metrics = evaluate([find, alarm, late], [shown, empty, shown])
-    assert metrics.mAP == pytest.approx(5 / 6)
-    assert (metrics.detected_rate, metrics.tip_mm) == (1, 0)
-    assert (metrics.images, metrics.instruments, metrics.detections) == (3, 2, 3)
+    assert metrics["mAP"] == pytest.approx(5 / 6)
+    assert (metrics["detected_rate"], metrics["tip_mm"]) == (1, 0)
+    assert (metrics["images"], metrics["instruments"], metrics["detections"]) == (3, 2, 3)
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
-    assert evaluate([find, nothing, late], [shown, empty, shown]).mAP == 1
+    assert evaluate([find, nothing, late], [shown, empty, shown])["mAP"] == 1
 
 
 def test_detections_of_images_that_are_not_known_are_refused():
@@ -119,7 +124,9 @@ def test_a_test_set_without_instruments_has_no_rates():
     empty = Annotations(np.empty((0, 4)), np.empty((0, 5)))
     find = Detections(array(LEFT), np.array([0.9]), array(POSE))
     metrics = evaluate([find], [empty])
-    assert metrics.mAP is None and metrics.detected_rate is None and metrics.detections == 1
+    assert (
+        metrics["mAP"] is None and metrics["detected_rate"] is None and metrics["detections"] == 1
+    )
 
 
 def test_constant_predictor_by_hand():
@@ -134,16 +141,16 @@ def test_constant_predictor_by_hand():
     ]
     metrics = constant_predictor(train, test)
     # One of three instruments is hit; of two detections with equal scores the first is right.
-    assert metrics.detected_rate == pytest.approx(1 / 3)
-    assert metrics.mAP == pytest.approx(1 / 3)
+    assert metrics["detected_rate"] == pytest.approx(1 / 3)
+    assert metrics["mAP"] == pytest.approx(1 / 3)
     # Errors are over all three instruments, not only the one that was hit.
-    assert metrics.x_mm == pytest.approx(4 / 3)
-    assert metrics.y_mm == pytest.approx(1)
-    assert metrics.z_mm == pytest.approx(2)
-    assert metrics.pitch_deg == pytest.approx(25 / 3)
-    assert metrics.yaw_deg == pytest.approx((20 + 180 + 20) / 3)
-    assert metrics.tip_mm == pytest.approx((0 + 5 + 6) / 3)
-    assert (metrics.images, metrics.instruments, metrics.detections) == (2, 3, 2)
+    assert metrics["x_mm"] == pytest.approx(4 / 3)
+    assert metrics["y_mm"] == pytest.approx(1)
+    assert metrics["z_mm"] == pytest.approx(2)
+    assert metrics["pitch_deg"] == pytest.approx(25 / 3)
+    assert metrics["yaw_deg"] == pytest.approx((20 + 180 + 20) / 3)
+    assert metrics["tip_mm"] == pytest.approx((0 + 5 + 6) / 3)
+    assert (metrics["images"], metrics["instruments"], metrics["detections"]) == (2, 3, 2)
 
 
 def test_constant_predictor_needs_poses_to_average():
@@ -152,3 +159,16 @@ def test_constant_predictor_needs_poses_to_average():
         constant_predictor(boxes_only, boxes_only)
     with pytest.raises(InputError, match="holds no instrument"):
         constant_predictor([], boxes_only)
+
+
+ONE = np.array([[1.0, 2.0, 20.0, 70.0, 100.0]])
+
+
+def test_errors_are_kept_to_the_micrometre() -> None:
+    moved = ONE + np.array([[-0.30149, 0.4, 0.0, 0.0, 0.0]])
+    kept = found_instruments(errors_between(moved, ONE), total=3)
+    errors = {
+        "x_mm": [0.301], "y_mm": [0.4], "z_mm": [0.0], "pitch_deg": [0.0], "yaw_deg": [0.0],
+        "axis_deg": [0.0], "tip_mm": [0.501],
+    }  # fmt: skip
+    assert kept == FoundInstruments(3, [0], errors)
