@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shaftpose.core.random_streams import streams
 from shaftpose.rendering.scene import Coating, Steel
 
-_COATING_ROWS = 1000  # of the picture of 200 mm, more of longer shafts; half a row is its first
+_COATING_ROWS = 1000  # of the picture of a 200 mm shaft
 _PX_PER_MM = 5.0
 _MOST_RINGS = 3
 _MARKED_MM = 50.0  # rings and print are within this distance from the tip
@@ -92,7 +92,7 @@ class CoatingLayer:
         self._texture = tree.nodes.new("ShaderNodeTexImage")
         self._roughness = tree.nodes.new("ShaderNodeMapRange")
         tree.links.new(coordinates.outputs["UV"], self._mapping.inputs["Vector"])
-        # The disc of the tip has coordinates below 0 along the shaft: it is like the tip's rim.
+        # Along the shaft, the tip's disc has coordinates below 0. It gets the picture's first row.
         from_tip = tree.nodes.new("ShaderNodeVectorMath")
         from_tip.operation = "MAXIMUM"
         from_tip.inputs[1].default_value = (-1e6, 0.5 / _COATING_ROWS, -1e6)

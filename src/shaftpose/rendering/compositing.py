@@ -63,11 +63,11 @@ def contact_shadow(
 ) -> NDArray[np.float32]:
     """The share (H, W), 0 to 1, of its light that the tissue around shafts loses.
 
-    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps relative to the lens. The
-    tissue behind a shaft is approximated by a plane across the view at a depth d just beyond the
-    tip. For a lamp b mm from the lens, the shadow of a point at depth z is displaced by
-    f b (1/z - 1/d) px and blurred in proportion to the lamp's width: narrow and dark near the tip,
-    wide and faint towards the handle.
+    shafts: poses and masks (H, W); lamps_mm: x and y of the scope's lamps relative to the lens.
+
+    The tissue behind a shaft is taken for a plane across the view, at a depth d just beyond the
+    tip. A lamp b mm from the lens displaces the shadow of a point at depth z by f b (1/z - 1/d) px.
+    The lamp's width blurs it: it is narrow and dark near the tip, wide and faint near the handle.
     """
     layers = np.zeros((len(_PARALLAXES), camera.height, camera.width), dtype=np.float32)
     for pose, mask in shafts:

@@ -16,8 +16,11 @@ _RISE_MM = 3.0  # of a drop's surface, per unit of the pattern's height
 
 
 class FilmLayer:
-    """The film on one steel material: a coat of its Principled shader where a pattern in the
-    shaft's coordinates, mm, is high. Steel without a film keeps its own nodes."""
+    """The film on one steel material: a coat of its Principled shader.
+
+    It covers the places where a pattern in the shaft's coordinates, mm, is high. Steel without a
+    film keeps its own nodes.
+    """
 
     def __init__(self, material: Any) -> None:
         self._tree = material.node_tree

@@ -31,7 +31,7 @@ def camera_with(settings: RenderSettings, k1: float, k2: float) -> Camera:
 
 
 def middle_camera(settings: RenderSettings) -> Camera:
-    """The camera at the middle of the settings' ranges, for images that do not state a camera."""
+    """The camera in the middle of the settings' ranges, for images that do not state theirs."""
     distortion = settings.lens.distortion
     return camera_with(settings, sum(distortion.k1) / 2, sum(distortion.k2) / 2)
 
@@ -90,9 +90,12 @@ def apply_lens(
     sensor_seed: int,
     shown: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
-    """Apply haze, vignette, defocus, motion blur, black outside of `shown` (H, W), sensor noise and
-    JPEG compression, in that order. Nothing moves, so boxes, masks and poses stay valid. Without
-    any effect the image is returned unchanged."""
+    """Apply the effects of air, lens, sensor and recorder, in this order: haze, vignette, defocus,
+    motion blur, a black surround, noise, JPEG compression.
+
+    shown: mask (H, W) of the round field of view, None if the whole image shows. Nothing moves, so
+    boxes, masks and poses stay valid. Without any effect the image is returned unchanged.
+    """
     if lens == _CLEAN and shown is None:
         return rgb
     stream = streams(sensor_seed)

@@ -13,13 +13,11 @@ from shaftpose.rendering.scene import Coating, Film, Jaws, Lens, Light, Occluder
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.schema import LensSettings, Range, RenderSettings, SceneSettings
 
-# As estimated in laparoscopic images, where a coated shaft mostly ends with its coating: the share
-# of coated shafts with a bare steel end, and, in diameters of the shaft, the longest such end, the
-# jaws' widths and their lengths.
-_BARE_TIPS, _LONGEST_BARE = 0.2, 1.0
+# Estimated in laparoscopic images. Lengths and widths are in diameters of the shaft.
+_BARE_TIPS, _LONGEST_BARE = 0.2, 1.0  # share of coated shafts with a bare steel end; its length
 _JAW_WIDTHS, _JAW_LENGTHS = (0.4, 1.0), (0.8, 4.0)
 _JAW_OPENINGS_DEG = 0.0, 70.0
-# Closed jaws as wide as the shaft would look like a part of it: wider ones are opened by this.
+# Closed jaws as wide as the shaft would look like a part of it, so wide jaws are always open.
 _WIDE_JAWS, _LEAST_OPENING_DEG = 0.8, 15.0
 
 

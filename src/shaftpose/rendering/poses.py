@@ -1,7 +1,7 @@
-"""Sampling of shaft poses: uniform over the ranges of the paper's table, kept if visible.
+"""Sampling of shaft poses, uniform over the ranges of the paper's table.
 
-A pose is drawn again if its tip projects outside the image, if too little of it is visible, or if
-it intersects the lens or another shaft (paper, Table of ranges; the rest is this project's).
+The poses of an image are drawn again if a tip projects outside the image, if too little of a shaft
+is visible, or if a shaft intersects the lens or another one. These conditions are this project's.
 """
 
 from collections import Counter

@@ -19,7 +19,7 @@ OCCLUDED: dict[str, Any] = {
     "occluder_coverage": (0.2, 0.8),
     "crossing_probability": 0.0,
 }
-# Seeds of the sets, relative to the project's seed: the sets share no image.
+# Added to the project's seed, so that the sets share no image.
 SET_SEEDS = {"images": 0, "clear": 1_000_001, "occluded": 1_000_002}
 
 

@@ -12,7 +12,7 @@ from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
 from shaftpose.settings.schema import Distortion, RenderSettings, RunSize
 
-# Seeds of the sets, relative to the project's seed, and their share of occluded images.
+# Number added to the project's seed, and share of occluded images.
 SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
 SOURCES_PER_SET = 20
 

@@ -83,9 +83,11 @@ def _add_lamp(scene: Any, x_mm: float, y_mm: float) -> Any:
 
 
 def room_half_mm(settings: RenderSettings, pinhole: Camera) -> float:
-    """Half edge of the cube with the background (paper, training dataset). No visible part of a
-    shaft may pierce it: visible parts are within the field of view and no farther than the
-    farthest tip, or handle if it points away from the camera."""
+    """Half edge of the cube with the background (paper, training dataset).
+
+    No visible part of a shaft may pierce it. Visible parts are within the field of view, and no
+    farther away than the farthest tip, or than a handle that points away from the camera.
+    """
     away = max(0.0, -float(np.cos(np.radians(settings.poses.pitch_deg[1]))))
     farthest = settings.poses.z_mm[1] + away * instrument_shape(settings.shaft).length_mm
     across = farthest * max(1.0, pinhole.width / (2 * pinhole.focal_px))
