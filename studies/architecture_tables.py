@@ -22,10 +22,14 @@ from shaftpose.metrics.table import metrics_of
 from shaftpose.network.building import build_network
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
 from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
-from shaftpose.network.ssd.inception_v4 import EXTRA_CHANNELS, MAP_SIZES, InceptionV4Features
+from shaftpose.network.ssd.inception_v4 import (
+    EXTRA_CHANNELS,
+    MAP_SIZES,
+    InceptionV4Features,
+    block_counts,
+)
 from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.pose_coding import PoseCoder
-from shaftpose.network.ssd.scaling import block_counts
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.report.cells import cells, headings
 from shaftpose.settings.compose import composed_settings

@@ -36,7 +36,7 @@ from shaftpose.metrics.table import MetricValues, metrics_named, metrics_of
 from shaftpose.report.accuracy_tables import ACCURACY
 from shaftpose.report.cells import cells, headings
 from shaftpose.stage_files import read_stage_file
-from shaftpose.training.data_identity import rendered_digest
+from shaftpose.training.fingerprint import rendered_digest
 from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames

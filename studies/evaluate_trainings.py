@@ -18,7 +18,7 @@ from shaftpose.evaluation.results import Evaluation
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import VariantRow, variant_rows
 from shaftpose.stage_files import TrainingRecord, read_stage_file, read_training
-from shaftpose.training.data_identity import rendered_digest
+from shaftpose.training.fingerprint import rendered_digest
 from studies.record import EvaluatedTraining, validation_curves
 
 RECORDS = Path("reports/trainings")

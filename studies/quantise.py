@@ -16,7 +16,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import first_images, read_keys
 from shaftpose.export.compression import quantise
 from shaftpose.inference.predictor import Predictor
-from shaftpose.training.data_identity import rendered_digest
+from shaftpose.training.fingerprint import rendered_digest
 from studies.evaluate_trainings import check
 from studies.model_comparison import Comparison, compare
 

@@ -16,7 +16,7 @@ from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.settings.tree import Settings, check_variants
 from shaftpose.stage_files import DataRecord
-from shaftpose.training.recipe import fingerprint
+from shaftpose.training.fingerprint import fingerprint
 from tests.pipeline.conftest import ROOT, Run, recipe_with, settings_with
 
 VARIANTS = sorted(path.stem for path in (ROOT / "conf/variant").glob("*.yaml"))

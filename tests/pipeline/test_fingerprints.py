@@ -20,7 +20,8 @@ from shaftpose.settings.compose import composed
 from shaftpose.settings.stage import resolved_settings
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import DataRecord
-from shaftpose.training import recipe
+from shaftpose.training import fingerprint
+from shaftpose.training.recipe import training_recipe
 from tests.pipeline.conftest import ROOT
 
 DATA = DataRecord(start=None, training_images=1, digest="", mixed_in=None)
@@ -207,7 +208,7 @@ def set_fingerprints(settings: Settings, library: list[Background]) -> dict[str,
 def training_fingerprint(settings: Settings) -> str:
     """The fingerprint of a training on given data, or why it is refused."""
     try:
-        return recipe.fingerprint(recipe.training_recipe(settings).resolved(), DATA)
+        return fingerprint.fingerprint(training_recipe(settings).resolved(), DATA)
     except InputError as error:
         return str(error)
 
@@ -226,8 +227,8 @@ def changed(config: DictConfig, name: str) -> Iterator[None]:
 def test_each_setting_changes_what_it_determines_and_nothing_else(
     library: list[Background], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recipe, "code_files", lambda _: [])
-    monkeypatch.setattr(recipe, "_PACKAGES", ())
+    monkeypatch.setattr(fingerprint, "code_files", lambda _: [])
+    monkeypatch.setattr(fingerprint, "_PACKAGES", ())
     configs = {name: composed(ROOT, f"variant={name}", *START) for name in sorted(TRAININGS)}
     every = {name: resolved_settings(config, ROOT) for name, config in configs.items()}
     sets = set_fingerprints(every["d"], library)

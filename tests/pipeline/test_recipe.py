@@ -9,8 +9,8 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.training import resume
-from shaftpose.training.data_identity import data_record
-from shaftpose.training.recipe import Recipe, fingerprint
+from shaftpose.training.fingerprint import data_record, fingerprint
+from shaftpose.training.recipe import Recipe
 from shaftpose.training.resume import LAST_CHECKPOINT, locked_training_folder
 from tests.pipeline.conftest import recipe_with
 from tests.pipeline.small_data import FOLDERS

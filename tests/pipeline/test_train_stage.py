@@ -18,8 +18,8 @@ from shaftpose.dataset.split import read_keys
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
-from shaftpose.training.data_identity import data_record
-from shaftpose.training.precision import native_precision
+from shaftpose.training.fingerprint import data_record
+from shaftpose.training.recipe import native_precision
 from tests.pipeline.conftest import ROOT, recipe_with
 from tests.pipeline.small_data import FOLDERS, write_training_data
 

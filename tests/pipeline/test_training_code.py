@@ -7,7 +7,7 @@ import pytest
 
 import shaftpose
 from shaftpose.stage_files import DataRecord
-from shaftpose.training.recipe import WITHOUT_EFFECT, code_files, fingerprint
+from shaftpose.training.fingerprint import WITHOUT_EFFECT, code_files, fingerprint
 from tests.pipeline.conftest import recipe_with
 
 PACKAGE = Path(shaftpose.__file__).parent
@@ -20,6 +20,7 @@ RULES: dict[str, set[str]] = {
     "core/instruments.py": ALL,
     "core/masks.py": ALL,
     "core/shard_schema.py": ALL,
+    "core/shard_index.py": ALL,
     "core/shards.py": ALL,
     "dataset": ALL,
     "dataset/coco.py": set(),
@@ -36,7 +37,7 @@ RULES: dict[str, set[str]] = {
     "refinement/contour_sampling.py": {"e"},
     "refinement/pose_parameters.py": {"e"},
     "training": ALL,
-    "training/data_identity.py": set(),
+    "training/fingerprint.py": set(),
     "training/validation_metrics.py": set(),
 }
 FILES = sorted(

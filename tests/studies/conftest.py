@@ -13,7 +13,7 @@ from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.split import Split, write_split
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
-from shaftpose.training.data_identity import rendered_digest
+from shaftpose.training.fingerprint import rendered_digest
 from studies.model_comparison import Comparison
 from tests.conftest import BOXES, SIDE
 from tests.evaluations import METRICS, accuracy, evaluation, with_real

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from shaftpose.training.precision import native_precision
+from shaftpose.training.recipe import native_precision
 
 
 @pytest.fixture

@@ -257,7 +257,7 @@ class RunSize:
     """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys.
 
     The least width gives the backbone's first convolution 8 channels, the least depth each of its
-    three stages a block: see `shaftpose.network.ssd.scaling`.
+    three stages a block: see `shaftpose.network.ssd.inception_v4`.
     """
 
     sources: PositiveInt

@@ -20,10 +20,9 @@ from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from shaftpose.core.errors import InputError
 from shaftpose.network.building import identity, initial_network
 from shaftpose.training.curves import Curves
-from shaftpose.training.last_checkpoint import LastCheckpoint
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe
-from shaftpose.training.resume import LAST_CHECKPOINT
+from shaftpose.training.resume import LAST_CHECKPOINT, LastCheckpoint
 from shaftpose.training.validation_metrics import ValidationMetrics
 
 # Hide Lightning's remarks on hardware and its own products; progress and errors still show.

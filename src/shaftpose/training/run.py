@@ -22,9 +22,9 @@ from shaftpose.stage_files import DataRecord, TrainingRecord, read_training
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.data import DataFolders, training_data
-from shaftpose.training.data_identity import data_record
+from shaftpose.training.fingerprint import data_record, fingerprint
 from shaftpose.training.module import ShaftModule
-from shaftpose.training.recipe import Recipe, fingerprint
+from shaftpose.training.recipe import Recipe
 from shaftpose.training.resume import LAST_CHECKPOINT, locked_training_folder
 
 logger = logging.getLogger(__name__)

@@ -1,9 +1,13 @@
+from typing import get_type_hints
+
 import pytest
 import torch
+from pydantic import TypeAdapter, ValidationError
 from torch import nn
 
-from shaftpose.core.errors import InputError
-from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features
+from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features, block_counts
+from shaftpose.network.ssd.layers import scale_channels
+from shaftpose.settings.schema import RunSize
 
 # Inception-v4 as a classifier of 1,000 classes: convolutions without bias, weight and bias of each
 # batch normalisation, and the last layer.
@@ -62,7 +66,19 @@ def test_depth_leaves_out_blocks_and_nothing_else() -> None:
     assert parameters(full) - parameters(shallow) == left_out
 
 
-@pytest.mark.parametrize(("width", "depth"), [(0.125, 1.0), (1.0, 0.1)])
-def test_what_is_too_narrow_or_too_shallow_is_refused(width: float, depth: float) -> None:
-    with pytest.raises(InputError, match=r"0.25 gives"):
-        InceptionV4Features(width, depth)
+@pytest.mark.parametrize(
+    ("depth", "blocks"),
+    [(1.0, (4, 7, 3)), (0.25, (1, 2, 1)), (0.5, (2, 4, 2)), (2.0, (8, 14, 6))],
+)
+def test_depth_scales_the_blocks(depth: float, blocks: tuple[int, ...]) -> None:
+    assert block_counts(depth) == blocks
+
+
+def test_the_least_sizes_of_the_settings_give_a_network_that_can_learn() -> None:
+    width, depth = (get_type_hints(RunSize, include_extras=True)[key] for key in ("width", "depth"))
+    assert scale_channels(32, TypeAdapter(width).validate_python(0.1875)) == 8
+    assert block_counts(TypeAdapter(depth).validate_python(0.17)) == (1, 1, 1)
+    assert scale_channels(32, 0.187) < 8 and 0 in block_counts(0.16)
+    for kind, less in ((width, 0.187), (depth, 0.16)):
+        with pytest.raises(ValidationError):
+            TypeAdapter(kind).validate_python(less)

@@ -1,11 +1,11 @@
-"""Cell centres, from the sizes of layers and, independently, from gradients."""
+"""Scaled widths; cell centres, from the sizes of layers and, independently, from gradients."""
 
 import pytest
 import torch
 from torch import nn
 
 from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features
-from shaftpose.network.ssd.layers import Concat, Grid, Pool, through
+from shaftpose.network.ssd.layers import Concat, Grid, Pool, scale_channels, through
 
 
 def test_layers_by_hand() -> None:
@@ -48,3 +48,10 @@ def test_gradients_lie_where_the_cell_is_said_to_be(level: int, cell: int) -> No
     centres = backbone.cell_centres()[level]
     assert x == pytest.approx(centres[cell] * 299, abs=2.0)
     assert y == pytest.approx(centres[row] * 299, abs=2.0)
+
+
+def test_width_rounds_to_multiples_of_four() -> None:
+    assert scale_channels(224, 0.25) == 56
+    assert scale_channels(96, 0.3) == 28  # 28.8 is closer to 28 than to 32
+    assert scale_channels(32, 0.01) == 4
+    assert scale_channels(70, 1.0) == 70

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.ssd.layers import ConvBNReLU
-from shaftpose.network.ssd.scaling import scale_channels
+from shaftpose.network.ssd.layers import ConvBNReLU, scale_channels
 
 CLASSES = 2  # background, instrument
 BOX_OFFSETS = 4

@@ -18,17 +18,18 @@ from shaftpose.network.ssd.layers import (
     Grid,
     Pool,
     PooledChain,
+    scale_channels,
     through,
 )
-from shaftpose.network.ssd.scaling import STEM_CHANNELS, block_counts, scale_channels
 
 MAP_SIZES = (35, 17, 9, 5, 3, 2)
 EXTRA_CHANNELS = (512, 256, 256)
+BLOCKS = (4, 7, 3)  # Inception-A, B and C
 
 
 def stem(width: float) -> nn.Sequential:
     """(B, 3, 299, 299) -> (B, 384, 35, 35)."""
-    first = Chain(3, width, Conv(STEM_CHANNELS, 3, 2, 0), Conv(32, 3, 1, 0), Conv(64, 3))
+    first = Chain(3, width, Conv(32, 3, 2, 0), Conv(32, 3, 1, 0), Conv(64, 3))
     second = Concat(
         _max_pool(first.channels, padding=0), Chain(first.channels, width, Conv(96, 3, 2, 0))
     )
@@ -147,6 +148,11 @@ class InceptionV4Features(nn.Module):
             grid = through(stage, grid)
             centres.append([grid.centre_px(cell) / IMAGE_SIDE_PX for cell in range(size)])
         return centres
+
+
+def block_counts(depth: float) -> tuple[int, ...]:
+    """Blocks of Inception-A, B and C at this depth: `BLOCKS` x `depth`, rounded."""
+    return tuple(round(count * depth) for count in BLOCKS)
 
 
 def _repeat(

@@ -6,9 +6,14 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from shaftpose.network.ssd.scaling import scale_channels
-
 Size = int | tuple[int, int]
+
+
+def scale_channels(channels: int, width: float) -> int:
+    """`channels` x `width`, rounded to a multiple of 4, at least 4; unchanged at width 1.0."""
+    if width == 1.0:
+        return channels
+    return max(4, 4 * round(channels * width / 4))
 
 
 class ConvBNReLU(nn.Module):

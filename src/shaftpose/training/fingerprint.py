@@ -1,17 +1,57 @@
-"""Description of a training's data, and digests of their content that identify them."""
+"""The fingerprint of a training: digest of its settings, code, packages and data."""
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.shard_index import shard_paths
 from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.dataset.split import PARTS, read_keys
+from shaftpose.source_code import source_files
 from shaftpose.stage_files import DataRecord, MixedInImages, read_domain
 from shaftpose.training.data import DataFolders
+from shaftpose.training.recipe import Recipe
+
+_PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
+# Modules that a training runs and its weights do not depend on. Validation decodes and measures, to
+# describe them. What the readers of data yield is in the digests of the data.
+WITHOUT_EFFECT = tuple(
+    f"shaftpose.{name}"
+    for name in (
+        "training.validation_metrics",
+        "network.ssd.decoding",
+        "network.dense.decoding",
+        "training.fingerprint",
+        "dataset.coco",
+    )
+)
+
+
+def fingerprint(recipe: Recipe, data: DataRecord) -> str:
+    """Hexadecimal digest of all that determines a training: settings, code, packages and data."""
+    described = json.dumps([recipe.fingerprint_fields(), asdict(data)])
+    # The variant's file has numbers as they were written: 1 and 1.0 are the same.
+    same = json.loads(described, parse_int=float)
+    digest = hashlib.sha256(json.dumps(same, sort_keys=True).encode())
+    for package in _PACKAGES:
+        digest.update(f"{package} {version(package)}".encode())
+    for path in code_files(recipe):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def code_files(recipe: Recipe) -> list[Path]:
+    """The source files that a variant's weights depend on; of networks, only its own."""
+    described = json.dumps([recipe.variant.network, recipe.variant.loss])
+    networks = [
+        name.rpartition(".")[0] for name in re.findall(r'"_target_": "([\w.]+)"', described)
+    ]
+    return source_files(["shaftpose.training.run", *networks], WITHOUT_EFFECT)
 
 
 def data_record(folders: DataFolders, mixed_in: bool, start: Path | None) -> DataRecord:

@@ -10,7 +10,7 @@ import pytest
 
 from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import read_coco
-from shaftpose.training.data_identity import annotated_digest
+from shaftpose.training.fingerprint import annotated_digest
 
 Content = dict[str, Any]
 
