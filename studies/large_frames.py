@@ -24,7 +24,7 @@ from shaftpose.core.samples import Sample
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
-from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.generator import SampleGenerator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
@@ -100,7 +100,7 @@ def rendered(settings: Settings, frames: int) -> Iterator[Sample]:
             rgb = cv2.resize(read_rgb(path), (side_px, side_px), interpolation=cv2.INTER_CUBIC)
             write_jpeg(np.asarray(rgb, np.uint8), enlarged)
             backgrounds[enlarged] = source
-        generator = Generator(larger, backgrounds, plan.seed)
+        generator = SampleGenerator(larger, backgrounds, plan.seed)
         for index in range(frames):
             with blender_output_hidden():
                 sample = generator.sample(index)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.images import write_jpeg
 from shaftpose.figures.drawing import contact_sheet
-from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.generator import SampleGenerator
 from shaftpose.rendering.set_plans import planned_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
@@ -39,7 +39,7 @@ def draw(settings: Settings, out: Path) -> None:
     if not all(source.startswith("tissue-") for source in plan.backgrounds.values()):
         raise InputError("data/backgrounds: holds images of others; run the pipeline with its own")
     with blender_output_hidden():
-        generator = Generator(plan.settings, plan.backgrounds, plan.seed)
+        generator = SampleGenerator(plan.settings, plan.backgrounds, plan.seed)
         images = [generator.sample(n).rgb for n in tqdm(range(IMAGES), "rendering", unit="image")]
     write_jpeg(contact_sheet(images, COLUMNS), out, quality=85)
 

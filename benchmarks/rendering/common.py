@@ -18,7 +18,7 @@ from shaftpose.settings.schema import BackgroundSettings
 from shaftpose.settings.tree import Settings
 
 if TYPE_CHECKING:
-    from shaftpose.rendering.generator import Generator
+    from shaftpose.rendering.generator import SampleGenerator
 
 ROOT = Path(__file__).parents[2]
 SCRATCH = ROOT / "data/scratch/bench"
@@ -60,7 +60,7 @@ def in_processes(
 
 
 @contextmanager
-def quiet_generator(rendered: RenderedSet) -> Iterator["Generator"]:
+def quiet_generator(rendered: RenderedSet) -> Iterator["SampleGenerator"]:
     """The generator of a set, for one process; hides Blender's output."""
     generator = start_generator(rendered)
     # Imported only here: a parent process must not load Blender.

@@ -26,7 +26,7 @@ STEPS = {
     ],
     "annotation": [
         "shaftpose.rendering.generator:_masks",
-        "shaftpose.rendering.generator:Generator._instrument",
+        "shaftpose.rendering.generator:SampleGenerator._instrument",
     ],
     "JPEG and tar": ["shaftpose.core.shard_writer:ShardWriter.write"],
 }

@@ -29,8 +29,8 @@ cores = os.sched_getaffinity(0)
 if alone:
     generator = start_generator(rendered)
 else:
-    from shaftpose.rendering.generator import Generator
-    generator = Generator(settings, sources, 1)
+    from shaftpose.rendering.generator import SampleGenerator
+    generator = SampleGenerator(settings, sources, 1)
 generator.sample(0)
 seen = {"threads": len(os.listdir("/proc/self/task")), "kept": cores == os.sched_getaffinity(0)}
 Path("seen.json").write_text(json.dumps(seen))

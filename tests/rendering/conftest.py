@@ -1,5 +1,5 @@
 """Fixtures of the rendering tests. Blender holds one scene per process: tests in this process share
-one Generator, all others use separate processes."""
+one SampleGenerator, all others use separate processes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -18,7 +18,7 @@ from shaftpose.settings.parsing import parse
 from shaftpose.settings.schema import RenderSettings
 
 if TYPE_CHECKING:
-    from shaftpose.rendering.generator import Generator
+    from shaftpose.rendering.generator import SampleGenerator
 
 ROOT = Path(__file__).parents[2]
 SEED = 11
@@ -77,14 +77,16 @@ def occluded_settings(with_scene: Callable[..., RenderSettings]) -> RenderSettin
 
 
 @pytest.fixture(scope="session")
-def generator(occluded_settings: RenderSettings, backgrounds: Mapping[Path, str]) -> "Generator":
-    """The only Generator, and thus the only Blender scene, of this process."""
-    from shaftpose.rendering.generator import Generator
+def generator(
+    occluded_settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> "SampleGenerator":
+    """The only SampleGenerator, and thus the only Blender scene, of this process."""
+    from shaftpose.rendering.generator import SampleGenerator
 
-    return Generator(occluded_settings, backgrounds, SEED)
+    return SampleGenerator(occluded_settings, backgrounds, SEED)
 
 
 @pytest.fixture(scope="session")
-def samples(generator: "Generator") -> list[Sample]:
+def samples(generator: "SampleGenerator") -> list[Sample]:
     """Images 0 .. IMAGES - 1 of the generator, rendered in this order."""
     return [generator.sample(index) for index in range(IMAGES)]

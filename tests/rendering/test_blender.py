@@ -21,7 +21,7 @@ from tests.rendering.blender_process import run_python
 
 if TYPE_CHECKING:
     from shaftpose.rendering.blender import Foreground, Renderer
-    from shaftpose.rendering.generator import Generator
+    from shaftpose.rendering.generator import SampleGenerator
 
 SEED = 11
 JPEG_QUALITY = 95
@@ -32,10 +32,10 @@ TOP_TO_BOTTOM_BEHIND = ShaftPose(0.0, -14.0, 30.0, 90.0, 90.0)
 PASSES = {"Combined": "Image", "IndexOB": "IndexOB"}
 
 ONE_IMAGE_ALONE = """
-from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.generator import SampleGenerator
 from shaftpose.core.samples import encode_sample
 sources = {Path(path): source for path, source in backgrounds}
-sample = Generator(settings, sources, seed).sample(index)
+sample = SampleGenerator(settings, sources, seed).sample(index)
 Path("image.rgb").write_bytes(sample.rgb.tobytes())
 for suffix, data in encode_sample(sample, quality).items():
     Path(f"sample.{suffix}").write_bytes(data)
@@ -43,11 +43,11 @@ for suffix, data in encode_sample(sample, quality).items():
 
 
 @pytest.fixture(scope="session")
-def renderer(generator: "Generator") -> "Renderer":
+def renderer(generator: "SampleGenerator") -> "Renderer":
     return generator._renderer
 
 
-def first_scene(generator: "Generator", index: int) -> Scene:
+def first_scene(generator: "SampleGenerator", index: int) -> Scene:
     return next(generator._sampler.candidates(index))
 
 
@@ -196,7 +196,7 @@ def test_background_stays_byte_equal_around_the_shafts(
 
 
 def test_an_image_does_not_depend_on_those_before_it(
-    generator: "Generator", samples: list[Sample]
+    generator: "SampleGenerator", samples: list[Sample]
 ) -> None:
     for index in (7, 3, 4):
         assert_same(generator.sample(index), samples[index])
@@ -226,7 +226,9 @@ def test_an_image_is_the_same_alone_in_a_process(
         assert (tmp_path / f"sample.{suffix}").read_bytes() == data, suffix
 
 
-def test_rendering_twice_gives_the_same_bits(generator: "Generator", renderer: "Renderer") -> None:
+def test_rendering_twice_gives_the_same_bits(
+    generator: "SampleGenerator", renderer: "Renderer"
+) -> None:
     scene = first_scene(generator, 0)
     first, again = renderer.render(scene), renderer.render(scene)
     assert first is not None
@@ -236,7 +238,7 @@ def test_rendering_twice_gives_the_same_bits(generator: "Generator", renderer: "
 
 @pytest.mark.parametrize("index", [0, 1, 2, 3])
 def test_the_rendered_region_equals_a_full_frame(
-    generator: "Generator",
+    generator: "SampleGenerator",
     renderer: "Renderer",
     camera: Camera,
     monkeypatch: pytest.MonkeyPatch,
@@ -259,7 +261,7 @@ def render_full_frame(
     renderer: "Renderer", scene: Scene, camera: Camera, monkeypatch: pytest.MonkeyPatch
 ) -> "Foreground":
     everything = np.ones((camera.height, camera.width), dtype=bool)
-    monkeypatch.setattr(renderer, "_touched", lambda: everything)
+    monkeypatch.setattr("shaftpose.rendering.blender.touched_pixels", lambda *_: everything)
     full = renderer.render(scene)
     assert full is not None
     return full
@@ -314,7 +316,7 @@ def test_metal_mirrors_the_background_in_its_place_and_without_detail(
     np.testing.assert_allclose(from_top[-1, :, 2], 0.5, atol=0.05)
 
 
-def test_scratches_make_steel_rougher(generator: "Generator") -> None:
+def test_scratches_make_steel_rougher(generator: "SampleGenerator") -> None:
     from shaftpose.rendering.materials import roughness_with_scratches
 
     steel = replace(first_scene(generator, 0).steels[0], roughness=0.3, scratches=0.0)
@@ -332,7 +334,7 @@ def test_the_slope_of_the_normal_map_is_the_one_stated() -> None:
 
 
 def test_anisotropy_changes_the_steel_and_nothing_else(
-    generator: "Generator", renderer: "Renderer"
+    generator: "SampleGenerator", renderer: "Renderer"
 ) -> None:
     scenes = (first_scene(generator, index) for index in range(50))
     scene = next(scene for scene in scenes if not scene.occluders)
@@ -380,7 +382,7 @@ def test_colour_temperatures_by_hand(kelvin: float, rgb: tuple[float, ...]) -> N
     assert kelvin_to_rgb(kelvin) == pytest.approx(rgb)
 
 
-def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer") -> None:
+def test_every_lump_has_its_own_tint(generator: "SampleGenerator", renderer: "Renderer") -> None:
     scenes = (first_scene(generator, index) for index in range(50))
     scene = next(scene for scene in scenes if len(scene.occluders) == 2)
 
@@ -397,7 +399,7 @@ def test_every_lump_has_its_own_tint(generator: "Generator", renderer: "Renderer
 
 
 def test_passes_in_memory_equal_the_files_that_blender_writes(
-    generator: "Generator",
+    generator: "SampleGenerator",
     renderer: "Renderer",
     camera: Camera,
     monkeypatch: pytest.MonkeyPatch,

@@ -18,9 +18,9 @@ import logging, os
 os.environ.update(CUDA_VISIBLE_DEVICES="", HIP_VISIBLE_DEVICES="")
 logging.basicConfig(filename="warnings.txt", level=logging.WARNING, format="%(message)s")
 import bpy
-from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.generator import SampleGenerator
 sources = {Path(path): source for path, source in backgrounds}
-sample = Generator(settings, sources, seed).sample(0)
+sample = SampleGenerator(settings, sources, seed).sample(0)
 assert bpy.context.scene.cycles.device == "CPU"
 Path("image.rgb").write_bytes(sample.rgb.tobytes())
 """

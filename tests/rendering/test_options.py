@@ -30,9 +30,9 @@ Mask = NDArray[np.bool_]
 
 RENDER = """
 import numpy as np
-from shaftpose.rendering.generator import Generator
+from shaftpose.rendering.generator import SampleGenerator
 from shaftpose.core.shard_writer import ShardWriter
-generator = Generator(settings, {Path(path): source for path, source in backgrounds}, seed)
+generator = SampleGenerator(settings, {Path(path): source for path, source in backgrounds}, seed)
 with ShardWriter(Path(shard), 95) as writer:
     for index in indices:
         sample = generator.sample(index)

@@ -23,7 +23,7 @@ from shaftpose.rendering import cad
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 
 if TYPE_CHECKING:
-    from shaftpose.rendering.generator import Generator
+    from shaftpose.rendering.generator import SampleGenerator
 
 IMAGE_DONE = "image"
 COMPLAINT = "error: "
@@ -58,7 +58,7 @@ def write_images(rendered: RenderedSet, shard: Shard, progress: TextIO) -> None:
             print(IMAGE_DONE, file=progress, flush=True)
 
 
-def start_generator(rendered: RenderedSet) -> "Generator":
+def start_generator(rendered: RenderedSet) -> "SampleGenerator":
     """The image generator of a set, for a process that shares the machine with others.
 
     Blender starts a thread for each core that the process may use. These wait in a busy loop and
@@ -66,8 +66,8 @@ def start_generator(rendered: RenderedSet) -> "Generator":
     It is imported only here: the process that starts this one need not load it.
     """
     with _on_one_core():
-        from shaftpose.rendering.generator import Generator
-    return Generator(rendered.settings, rendered.backgrounds, rendered.seed)
+        from shaftpose.rendering.generator import SampleGenerator
+    return SampleGenerator(rendered.settings, rendered.backgrounds, rendered.seed)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from shaftpose.settings.schema import RenderSettings
 _MOST_DRAWS = 250
 
 
-class Generator:
+class SampleGenerator:
     """Makes samples; sample `index` depends on `(settings, backgrounds, seed, index)` alone.
 
     backgrounds: image file -> id of its source, in a fixed order.
