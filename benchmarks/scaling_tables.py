@@ -11,7 +11,7 @@ from shaftpose.core.errors import exit_on_input_error
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.settings.schema import Positive, PositiveInt
 from shaftpose.stage_files import read_stage_file
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/results/render.json"

@@ -34,7 +34,7 @@ from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.report.cells import cells, headings
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import VARIANTS, Settings, read_variant
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/architecture.md"

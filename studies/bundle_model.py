@@ -40,7 +40,7 @@ from shaftpose.training.fingerprint import rendered_digest
 from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
 from studies.model_frames import complaints, write_frames
-from studies.templates import rendered
+from studies.pages import rendered
 
 ROOT = Path(__file__).parents[1]
 MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_models")

@@ -22,7 +22,7 @@ from shaftpose.metrics.table import MetricValues
 from shaftpose.report.accuracy_tables import ACCURACY
 from shaftpose.report.cells import cells, headings, show
 from shaftpose.stage_files import read_stage_file
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 RECORDS = Path("reports/bundled")
 COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by model_card.md.j2

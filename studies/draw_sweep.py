@@ -11,14 +11,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
+from matplotlib.figure import Figure
 
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_csv
 from shaftpose.figures.style import save_figure
 from shaftpose.tracking.connection import connect
 from shaftpose.tracking.sweeps import sweep_runs
-from studies.sweep_figure import sweep_figure
+from studies.sweep_heat_maps import heat_map_figure, is_full_grid
 from studies.sweep_jobs import SweepJob, swept_parameters
+from studies.sweep_lines import line_figure
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # Further columns of the table, whether swept or not.
@@ -72,6 +74,12 @@ def described(jobs: Sequence[SweepJob], unfinished: int) -> str:
         f"{len(jobs)} finished trainings are drawn, {lacking} of them without a correct "
         f"detection and thus without errors; {unfinished} others are not finished"
     )
+
+
+def sweep_figure(jobs: Sequence[SweepJob], metrics: Sequence[str]) -> Figure:
+    """Heat maps of a full grid of two settings, parallel coordinates of any other sweep."""
+    draw = heat_map_figure if is_full_grid(jobs) else line_figure
+    return draw(jobs, metrics)
 
 
 def write_table(jobs: Sequence[SweepJob], path: Path) -> None:

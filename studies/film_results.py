@@ -28,7 +28,7 @@ from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.metrics.table import metrics_named
 from shaftpose.report.cells import headings
 from studies.moving_shafts import FILM, FPS, POSES
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE, PICTURE = ROOT / "docs/prediction.md", ROOT / "docs/images/film.gif"

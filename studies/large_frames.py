@@ -31,7 +31,7 @@ from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import RenderSettings
 from shaftpose.settings.tree import Settings
 from studies.film_results import HEADINGS, Errors, film_errors
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/beyond.md"

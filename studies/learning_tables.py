@@ -6,7 +6,7 @@ from pathlib import Path
 
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.figures.markdown import pipe_table
-from studies.page_tables import rewrite, with_tables
+from studies.pages import rewrite, with_tables
 
 ROOT = Path(__file__).parents[1]
 RECORDS = ROOT / "reports/learning"

@@ -8,10 +8,10 @@ from shaftpose.figures.variant_figures import FEWEST
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.page import blocks
 from shaftpose.settings.parsing import flatten
+from studies.pages import rendered
 from studies.record import EvaluatedTraining
 from studies.sweep_jobs import NO_VALUE
 from studies.table import scale_tables
-from studies.templates import rendered
 
 Table = list[list[str]]  # the headings, then the cells line by line
 

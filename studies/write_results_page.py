@@ -13,19 +13,25 @@ from matplotlib.figure import Figure
 
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.files import read_json
+from shaftpose.figures.markdown import pipe_table
 from shaftpose.figures.style import save_figure
+from shaftpose.metrics.table import MetricValues, metrics_of
 from shaftpose.report.ablation import AblationReport
+from shaftpose.report.cells import cells, headings, show
+from shaftpose.report.paper_numbers import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
 from shaftpose.stage_files import read_stage_file
 from studies.architecture_tables import rounding_table
 from studies.bundled_errors import recorded
+from studies.pages import with_tables
 from studies.palette_pictures import store_with_palette
-from studies.readme_table import with_table
 from studies.record import EvaluatedTraining, read_record
 from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
 
 ROOT = Path(__file__).parents[1]
 PAGE, README = ROOT / "docs/results.md", ROOT / "README.md"
+PAPER, OWN = "d_noise", "e"  # in README's table: the paper's best variant, ours that it lacks
+COLUMNS = tuple(metric for metric in metrics_of("detection", "pose") if metric.in_paper)
 
 
 def main() -> None:
@@ -59,7 +65,32 @@ def page(root: Path, trainings: Sequence[EvaluatedTraining]) -> str:
 
 def readme(root: Path) -> str:
     """README with the table of the results below `root`."""
-    return with_table((root / README.name).read_text(), report_of(root), recorded(root))
+    tables = {"results": readme_table(report_of(root), recorded(root))}
+    return with_tables((root / README.name).read_text(), tables, "make results", README.name)
+
+
+def readme_table(report: AblationReport, default: MetricValues) -> str:
+    """The README's table, and a sentence on the numbers of images.
+
+    Its rows: the paper's best variant on renders; ours with the best mAP among those of the paper
+    that were trained on renders alone; the refined poses of `OWN`, if it was run; the default
+    model.
+    """
+    in_paper = [row for row in report.rows if row.paper and not row.mixed_in_images]
+    best = sorted(in_paper, key=lambda row: row.metrics["mAP"] or 0.0)[-1:]
+    ours = [*best, *(row for row in report.rows if row.variant == OWN and row.refined)]
+    rows = [[f"{TABLE_I[PAPER].title}, paper", *cells(vars(TABLE_I[PAPER]), COLUMNS)]]
+    for row in ours:
+        title = row.title_cell(report.domain_label)
+        rows.append([f"{title}, ours", *cells(row.metrics, COLUMNS, row.spread)])
+    rows.append(["Default model, ours", *cells(default, COLUMNS)])
+    images = f"{report.rows[0].training_images:,} and {report.rows[0].test_images:,}"
+    return (
+        f"{pipe_table(['Variant', *headings(COLUMNS)], rows)}\n\nErrors are means. "
+        f"Training and test images: {images}; "
+        f"in the paper {TRAINING_IMAGES:,} and {TEST_IMAGES:,}.\n"
+        f"The default model was tested on {show(default['images'], 0)} others."
+    )
 
 
 def records(root: Path) -> list[EvaluatedTraining]:

@@ -93,9 +93,42 @@ def test_the_list_of_code_is_short() -> None:
     assert len(code) <= MOST_CODE_ENTRIES
 
 
-def test_farm_and_report_retrain_nothing() -> None:
-    for stage in ("render", "detector", "train"):
-        assert not paths(stage, "deps") & {f"{PACKAGE}farm", f"{PACKAGE}report", "studies"}
+EVALUATING = {"evaluate", "evaluate_real", "report"}
+
+
+@pytest.mark.parametrize(
+    ("file", "stages"),
+    [
+        ("metrics/metrics.py", EVALUATING),
+        ("metrics/detection/matching.py", {"export", *EVALUATING}),
+        ("evaluation/model_results.py", EVALUATING),
+        ("report/page.py", {"report"}),
+        ("farm/shard_task.py", set()),
+    ],
+)
+def test_a_changed_file_runs_these_stages_and_no_others(file: str, stages: set[str]) -> None:
+    assert (ROOT / PACKAGE / file).is_file()
+    assert stages_run_by(f"{PACKAGE}{file}") == stages
+
+
+def stages_run_by(changed: str) -> set[str]:
+    """The stages that depend on a file, or on what these stages write."""
+    found, outputs = set[str](), {changed}
+    while True:
+        more = {name for name in STAGES if depends(name, outputs)}
+        if more == found:
+            return found
+        found = more
+        outputs |= {out for name in found for kind in WRITTEN for out in paths(name, kind)}
+
+
+WRITTEN = "outs", "metrics", "plots"
+
+
+def depends(stage: str, files: set[str]) -> bool:
+    """Whether one of the files is a dependency of the stage, lies in one, or holds one."""
+    pairs = ((f"{file}/", f"{dep}/") for file in files for dep in paths(stage, "deps"))
+    return any(file.startswith(dep) or dep.startswith(file) for file, dep in pairs)
 
 
 def settings_read(stage: str) -> set[str]:

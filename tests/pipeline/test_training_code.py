@@ -67,7 +67,7 @@ def test_rules_and_exceptions_name_what_exists() -> None:
     ("file", "trained_again"),
     [
         ("metrics/metrics.py", set()),
-        ("metrics/detection/average_precision.py", set()),
+        ("metrics/detection/precision_recall.py", set()),
         ("dataset/coco.py", set()),
         ("network/ssd/loss.py", {"d"}),
         ("network/dense/loss.py", {"e"}),

@@ -1,7 +1,10 @@
-"""Tables of a documentation page, each between a pair of markers."""
+"""Pages of the documentation: tables between markers, and templates of this folder."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
 
 from shaftpose.core.errors import InputError
 
@@ -24,3 +27,11 @@ def with_tables(page: str, tables: Mapping[str, str], command: str, name: str) -
         before, _, rest = page.partition(start)
         page = f"{before}{start}\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page
+
+
+def rendered(template: str, **values: Any) -> str:
+    """The text of a template; a value that it needs and lacks is an error."""
+    environment = Environment(
+        undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
+    )
+    return environment.from_string(Path(__file__).with_name(template).read_text()).render(**values)

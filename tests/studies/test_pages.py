@@ -3,7 +3,7 @@
 import pytest
 
 from shaftpose.core.errors import InputError
-from studies.page_tables import with_tables
+from studies.pages import with_tables
 
 PAGE = "before\n<!-- a: make a -->\n\nold\n\n<!-- end of a -->\nafter\n"
 
