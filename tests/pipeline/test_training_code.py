@@ -19,6 +19,7 @@ RULES: dict[str, set[str]] = {
     "core/images.py": ALL,
     "core/instruments.py": ALL,
     "core/masks.py": ALL,
+    "core/shard_index.py": ALL,
     "core/shard_schema.py": ALL,
     "core/shard_index.py": ALL,
     "core/shards.py": ALL,
