@@ -9,7 +9,7 @@ from shaftpose.metrics.detection.precision_recall import (
     precision_recall,
     resampled_average_precision,
 )
-from shaftpose.metrics.metrics import evaluate
+from shaftpose.metrics.metrics import compared, evaluate
 from shaftpose.metrics.pose_errors import pose_errors
 from shaftpose.metrics.summary import interval, mean_interval, summary
 
@@ -45,7 +45,7 @@ def test_intervals_surround_the_metrics() -> None:
     found, known = images(60)
     metrics, errors = evaluate(found, known, 0.3), pose_errors(found, known, 0.3)
     further = {"twice_mm": 2 * errors.tip_mm}
-    result = summary(found, known, errors, further)
+    result = summary(compared(found, known, 0.3), further)
     for name, ends in (("mAP", result.mAP), ("detected_rate", result.detected_rate)):
         assert ends is not None
         assert ends[0] < metrics[name] < ends[1]
@@ -67,7 +67,7 @@ def test_intervals_of_images_with_one_instrument_are_those_of_means() -> None:
         Detections(BOXES[:1], np.array([score]), (POSE + [0, 0, mm, 0, 0])[None])
         for score, mm in zip(scores, off, strict=True)
     ]
-    result = summary(found, known, pose_errors(found, known, 0.3), {})
+    result = summary(compared(found, known, 0.3), {})
     hits = (scores >= 0.3).astype(float).tolist()
     assert result.detected_rate == pytest.approx(mean_interval(hits))
     assert result.detected_rate_at_half == pytest.approx(3 / 9)
@@ -81,7 +81,7 @@ def test_intervals_of_images_with_one_instrument_are_those_of_means() -> None:
 def test_a_set_in_which_nothing_is_found_has_no_errors() -> None:
     nothing = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
     known = [Annotations(BOXES, np.tile(POSE, (2, 1)))]
-    result = summary([nothing], known, pose_errors([nothing], known), {})
+    result = summary(compared([nothing], known), {})
     assert result.errors == {}
     assert (result.mAP, result.detected_rate) == ((0, 0), (0, 0))
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
-from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.evaluation.results import Accuracy, Evaluation
 from shaftpose.figures.accuracy_figures import (
@@ -23,10 +22,10 @@ from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.binned_errors import binned_errors
 from shaftpose.metrics.metrics import compared, evaluate, measured
-from shaftpose.metrics.pose_errors import PoseErrors, found_instruments
+from shaftpose.metrics.pose_errors import found_instruments
 from shaftpose.metrics.summary import Summary, summary
 from shaftpose.metrics.symmetric_errors import symmetric_errors
-from shaftpose.metrics.table import MetricValues
+from shaftpose.metrics.table import ComparedImages, MetricValues
 from shaftpose.origin import origin
 from shaftpose.refinement.bound import pose_bound
 from shaftpose.settings.parsing import as_plain
@@ -47,13 +46,10 @@ class ModelResults:
     def __init__(
         self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
     ) -> None:
-        self.shards, self.keys, self.confidence = shards, keys, confidence
-        self.predictor = predictor
-        self.found, self.known = predict_shards(predictor, shards, keys)
-        images = compared(self.found, self.known, confidence)
-        self.curve, self.errors = images.curve, images.errors
+        self.predictor, self.shards, self.keys = predictor, shards, keys
+        self.images = compared(*predict_shards(predictor, shards, keys), confidence)
         fps = predictor.frames_per_second(shards.rgb(keys[0]))
-        self.metrics: MetricValues = {**measured(images), "fps": fps}
+        self.metrics: MetricValues = {**measured(self.images), "fps": fps}
 
     def write_figures(self, folder: Path, title: str) -> dict[str, Path]:
         """Draw the figures: title -> file."""
@@ -62,79 +58,81 @@ class ModelResults:
             "pose errors": folder / "pose_errors.png",
             "predictions": folder / "predictions.jpg",
         }
-        save_figure(precision_recall_figure({title: self.curve}), figures["precision and recall"])
-        save_figure(pose_error_figure(self.errors), figures["pose errors"])
+        save_figure(
+            precision_recall_figure({title: self.images.curve}), figures["precision and recall"]
+        )
+        save_figure(pose_error_figure(self.images.errors), figures["pose errors"])
         first = range(min(DRAWN_IMAGES, len(self.keys)))
         write_jpeg(self._sheet(first, COLUMNS), figures["predictions"], quality=88)
-        if worst := worst_images(self.errors, self.known, WORST):
+        if worst := worst_images(self.images, WORST):
             figures["worst predictions"] = folder / "worst_predictions.jpg"
             sheet = self._sheet(worst, WORST_COLUMNS)
             write_jpeg(sheet, figures["worst predictions"], quality=88)
         if (refiner := self.predictor.refiner) is not None:
             figures["errors over bounds"] = folder / "errors_over_bounds.png"
             bounds = [
-                pose_bound(pose, refiner.shaft, refiner.camera) for pose in self.errors.true_poses
+                pose_bound(pose, refiner.shaft, refiner.camera)
+                for pose in self.images.errors.true_poses
             ]
-            figure = error_over_bound_figure(self.errors, np.reshape(bounds, (-1, 5)))
+            figure = error_over_bound_figure(self.images.errors, np.reshape(bounds, (-1, 5)))
             save_figure(figure, figures["errors over bounds"])
         return figures
 
     def _sheet(self, images: Sequence[int], columns: int) -> Image:
         """Annotations and detections of the images with these numbers."""
         keys = [self.keys[n] for n in images]
-        found = [self.found[n].above(self.confidence) for n in images]
-        known = [self.known[n] for n in images]
+        found = [self.images.detections[n].above(self.images.confidence) for n in images]
+        known = [self.images.annotations[n] for n in images]
         rgb, cameras = map(self.shards.rgb, keys), map(self.shards.camera, keys)
         return prediction_sheet(list(rgb), known, found, list(cameras), columns)
 
     def metrics_on(self, keys: Sequence[str]) -> MetricValues:
         """The model's metrics on other images of the shards."""
         found, known = predict_shards(self.predictor, self.shards, keys)
-        return evaluate(found, known, self.confidence)
+        return evaluate(found, known, self.images.confidence)
 
     def accuracy(self, rendering: RenderSettings) -> Accuracy:
         """The values for the report; rendering: of the images."""
         fractions = [part for key in self.keys for part in self.shards.visible_fractions(key)]
         visible, cameras = np.array(fractions), self._cameras()
-        tips = zip(cameras, self.errors.true_poses[:, :3], strict=True)
+        tips = zip(cameras, self.images.errors.true_poses[:, :3], strict=True)
         border = np.array([camera.border_px(camera.project(tip)) for camera, tip in tips])
         return Accuracy(
             metrics=self.metrics,
             binned_errors=binned_errors(
-                self.errors, visible, border, rendering.poses.low, rendering.poses.high
+                self.images.errors, visible, border, rendering.poses.low, rendering.poses.high
             ),
-            found=found_instruments(self.errors, len(visible)),
-            precision_recall={name: v.tolist() for name, v in vars(self.curve).items()},
+            found=found_instruments(self.images.errors, len(visible)),
+            precision_recall={name: v.tolist() for name, v in vars(self.images.curve).items()},
             summary=self._summary(rendering.shaft, cameras),
         )
 
     def _cameras(self) -> list[Camera]:
         """The camera that saw each detected instrument."""
-        images = _image_of_instruments(self.known)[self.errors.instruments].tolist()
+        images = self.images.image_of[self.images.errors.instruments].tolist()
         cameras = {n: self.shards.camera(self.keys[n]) for n in set(images)}
         return [cameras[n] for n in images]
 
     def _summary(self, shaft: ShaftSettings, cameras: Sequence[Camera]) -> Summary:
-        true, further = self.errors.true_poses, dict[str, NDArray[np.float64]]()
+        true, further = self.images.errors.true_poses, dict[str, NDArray[np.float64]]()
         if not shaft.cad:  # whose diameter is not known
-            estimated = true + self.errors.differences
+            estimated = true + self.images.errors.differences
             further = vars(symmetric_errors(estimated, true, shaft.diameter_mm, cameras))
-        return summary(self.found, self.known, self.errors, further)
+        return summary(self.images, further)
 
 
-def worst_images(errors: PoseErrors, known: Sequence[Annotations], count: int) -> list[int]:
-    """The numbers of `count` images with the largest tip errors, the largest first, then of as many
-    others with missed instruments."""
-    image_of = _image_of_instruments(known)
+def worst_images(images: ComparedImages, count: int) -> list[int]:
+    """The images with the largest errors: their numbers.
+
+    First `count` with the largest tip errors, the largest first, then as many others with missed
+    instruments.
+    """
+    errors, image_of = images.errors, images.image_of
     by_error = errors.instruments[np.argsort(-errors.tip_mm, kind="stable")]
     missed = np.setdiff1d(np.arange(len(image_of)), errors.instruments)
     far = list(dict.fromkeys(image_of[by_error].tolist()))[:count]
     others = [n for n in dict.fromkeys(image_of[missed].tolist()) if n not in far]
     return far + others[:count]
-
-
-def _image_of_instruments(known: Sequence[Annotations]) -> NDArray[np.intp]:
-    return np.repeat(np.arange(len(known)), [len(one.boxes) for one in known])
 
 
 def evaluation(

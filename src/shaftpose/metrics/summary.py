@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.metrics.detection.matching import Array, detected_rate
 from shaftpose.metrics.detection.precision_recall import resampled_average_precision
-from shaftpose.metrics.pose_errors import PoseErrors
+from shaftpose.metrics.table import ComparedImages
 
 Interval = tuple[float, float]
 
@@ -42,27 +41,20 @@ class Summary:
     errors: Mapping[str, ErrorSummary]
 
 
-def summary(
-    detections: Sequence[Detections],
-    annotations: Sequence[Annotations],
-    errors: PoseErrors,
-    further: Mapping[str, Array],
-) -> Summary:
-    """The summary of a test set.
-
-    errors: of the detected instruments; further: other errors (M,) of these instruments by name.
-    """
-    image_of = np.repeat(np.arange(len(annotations)), [len(known.boxes) for known in annotations])
+def summary(images: ComparedImages, further: Mapping[str, Array]) -> Summary:
+    """The summary of a test set; further: other errors (M,) of the detected instruments by name."""
+    count, errors = len(images.annotations), images.errors
     shown, found = (
-        np.bincount(image_of[numbers], minlength=len(annotations))
+        np.bincount(images.image_of[numbers], minlength=count)
         for numbers in (slice(None), errors.instruments)
     )
+    resampled = resampled_average_precision(images.detections, images.annotations)
     return Summary(
-        mAP=interval(len(annotations), resampled_average_precision(detections, annotations)),
+        mAP=interval(count, resampled),
         detected_rate=_ratio_interval(found, shown),
-        detected_rate_at_half=detected_rate(detections, annotations, 0.5),
+        detected_rate_at_half=detected_rate(images.detections, images.annotations, 0.5),
         errors={
-            name: _error_summary(values, image_of[errors.instruments], len(annotations))
+            name: _error_summary(values, images.image_of[errors.instruments], count)
             for name, values in {**errors.by_name, **further}.items()
             if np.isfinite(values).any()
         },

@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.metrics.detection.matching import detected_rate
+from shaftpose.metrics.detection.matching import Indices, detected_rate
 from shaftpose.metrics.detection.precision_recall import PrecisionRecall, average_precision
 from shaftpose.metrics.pose_errors import PoseErrors
 
@@ -32,16 +34,22 @@ class ComparedImages:
     @property
     def instruments(self) -> int:
         """Number of annotated instruments."""
-        return sum(len(known.boxes) for known in self.annotations)
+        return len(self.image_of)
+
+    @property
+    def image_of(self) -> Indices:
+        """(G,) number of the image of each annotated instrument."""
+        counts = [len(known.boxes) for known in self.annotations]
+        return np.repeat(np.arange(len(counts)), counts)
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric. kind: `pose` is the mean error of detected poses, `rod` an error of a rod's surface
-    (see `symmetric_errors`), `silhouette` and `image` are measured in the image.
+    """A row of the table.
 
-    digits: decimals that are shown; in_paper: whether the paper's tables have it; measure: its
-    value on a test set, None for a metric that is measured elsewhere.
+    digits: decimals that are shown; kind: `pose` is the mean error of detected poses, `rod` that of
+    a rod's surface (`symmetric_errors`), `image` the median error in the image; in_paper: whether
+    the paper's tables have it; measure: its value on a test set, None if it is measured elsewhere.
     """
 
     name: str
@@ -60,7 +68,7 @@ class Metric:
 
     @property
     def label(self) -> str:
-        """Its name next to others that are no errors."""
+        """The heading, which says of an error that it is one."""
         return f"{self.title} error [{self.unit}]" if self.unit else self.title
 
 

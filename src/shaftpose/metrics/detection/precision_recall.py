@@ -49,8 +49,10 @@ def average_precision(curve: PrecisionRecall) -> float:
 def resampled_average_precision(
     detections: Sequence[Detections], annotations: Sequence[Annotations]
 ) -> Callable[[Indices], float | None]:
-    """The average precision of images that are drawn with replacement, as a function of their
-    numbers; None for a draw without instruments. It equals that of the drawn images as a set."""
+    """Average precision of resampled images, as a function of the numbers of the drawn ones.
+
+    It equals that of the drawn images as a set, and is None for a draw without instruments.
+    """
     scores, order, right = _ranked(detections, annotations)
     image_of = np.repeat(np.arange(len(detections)), [len(found.scores) for found in detections])
     image_of, shown = image_of[order], np.array([len(known.boxes) for known in annotations])
