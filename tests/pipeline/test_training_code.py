@@ -21,7 +21,6 @@ RULES: dict[str, set[str]] = {
     "core/masks.py": ALL,
     "core/shard_index.py": ALL,
     "core/shard_schema.py": ALL,
-    "core/shard_index.py": ALL,
     "core/shards.py": ALL,
     "dataset": ALL,
     "dataset/coco.py": set(),
