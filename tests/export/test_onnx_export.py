@@ -15,11 +15,10 @@ from torch.nn import functional
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
-from shaftpose.export.onnx_export import export_onnx
+from shaftpose.export.onnx_export import ShaftDetector, export_onnx
 from shaftpose.export.parity import check_parity, mask_difference
 from shaftpose.inference.predictor import Predictor
 from shaftpose.network.dense.network import DenseNetwork
-from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.network.ssd.heads import ArchitectureC, ArchitectureD
 from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features

@@ -27,7 +27,6 @@ RULES: dict[str, set[str]] = {
     "dataset/coco_folder.py": set(),
     "dataset/segmentation.py": set(),
     "network": ALL,
-    "network/detector.py": set(),
     "network/ssd": PAPERS,
     "network/ssd/decoding.py": set(),
     "network/ssd/pose_bins.py": {"b"},

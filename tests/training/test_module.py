@@ -12,8 +12,8 @@ from torch.utils.data import DataLoader, Dataset
 
 from shaftpose.core.errors import InputError
 from shaftpose.dataset.batches import Batch, Targets
+from shaftpose.export.onnx_export import ShaftDetector
 from shaftpose.network.checkpoint import load_network_weights, resumed_step
-from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
 from shaftpose.training.module import ShaftModule
 from tests.network.tiny import LIMITS

@@ -10,14 +10,18 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
-from shaftpose.export.onnx_export import edge_reader_bytes, export_onnx, store_metadata
+from shaftpose.export.onnx_export import (
+    ShaftDetector,
+    edge_reader_bytes,
+    export_onnx,
+    store_metadata,
+)
 from shaftpose.export.parity import Parity, check_parity, edge_difference, mask_difference
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.detection.precision_recall import best_confidence, precision_recall
-from shaftpose.network.detector import ShaftDetector
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork
 from shaftpose.settings.choices import Refinement
 from shaftpose.settings.schema import DetectionSettings, RenderSettings

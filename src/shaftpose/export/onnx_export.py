@@ -10,18 +10,46 @@ from typing import Any
 import onnx
 import torch
 from onnxscript import opset20
-from torch import nn
+from torch import Tensor, nn
 
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
 from shaftpose.inference.model_files import ModelMetadata
-from shaftpose.network.detector import ShaftDetector
+from shaftpose.network.pose_network import MaskNetwork, PoseNetwork, normalise_images
 from shaftpose.network.ssd.decoding import NMS_OPERATOR
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
+from shaftpose.settings.schema import DetectionSettings
 
 OPSET = 20
 # `opset20` accepts Python numbers and lists, but its type hints refuse them.
 op: Any = opset20
+
+
+class ShaftDetector(nn.Module):
+    """A network and the decoding of its outputs: images in, instruments out."""
+
+    def __init__(self, network: PoseNetwork, limits: DetectionSettings) -> None:
+        super().__init__()
+        self.network = network
+        self.limits = limits
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """The names of the tensors that `forward` returns."""
+        mask = ("mask",) if isinstance(self.network, MaskNetwork) else ()
+        return ("boxes", "scores", "poses", *mask)
+
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
+        """(N, 299, 299, 3) uint8 RGB -> boxes (N, K, 4), scores (N, K), poses (N, K, 5).
+
+        K is `limits.max_detections`. Boxes in pixels, poses in mm and deg, best score first, padded
+        with zeros. For networks that predict it, also the mask (N, h, w), see `MaskNetwork.masks`.
+        """
+        outputs = self.network(normalise_images(image))
+        decoded = self.network.detections(outputs, self.limits)
+        if isinstance(self.network, MaskNetwork):
+            return (*decoded, self.network.masks(outputs))
+        return decoded
 
 
 def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:

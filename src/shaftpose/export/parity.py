@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from torch import nn
 
 from shaftpose.core.instruments import Detections, unpadded
+from shaftpose.export.onnx_export import ShaftDetector
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.tracker import nearest_pairs
 from shaftpose.metrics.detection.matching import box_iou
-from shaftpose.network.detector import ShaftDetector
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 # Far below relevant differences, far above float32 rounding.

@@ -28,7 +28,7 @@ class DecodedOutputs(NamedTuple):
 
 
 class PoseNetwork(nn.Module, ABC):
-    """Images -> outputs; outputs and targets -> loss terms; outputs -> instruments.
+    """A network with its loss and its decoding: images -> outputs -> loss terms or instruments.
 
     side_px: side of the images; continuous: whether a small change of the outputs is a small change
     of the pose; needs_instances: whether targets must have `instances`.
@@ -52,14 +52,14 @@ class PoseNetwork(nn.Module, ABC):
 
 
 class MaskNetwork(PoseNetwork):
-    """A network that also predicts a mask, to which poses are fitted."""
+    """A network that also predicts the mask to which poses are fitted."""
 
     @abstractmethod
     def masks(self, outputs: Any) -> Tensor:
         """The probability of a shaft, (B, h, w) in [0, 1]."""
 
     def edge_reader(self) -> nn.Module | None:
-        """The reader of outlines in strips of an image (`network.dense.edge_reader`), or None."""
+        """The network's reader of edges in strips (see `network.dense.edge_reader`), or None."""
         return None
 
 

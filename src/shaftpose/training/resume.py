@@ -105,8 +105,8 @@ class LastCheckpoint(Checkpoint):
 
 
 def _step_is_over(trainer: Trainer) -> bool:
-    """Whether a step neither validates nor logs after `on_train_batch_end`: a training resumed from
-    there would skip both."""
+    """Whether nothing of a step follows `on_train_batch_end`: neither validation nor logging, which
+    a training resumed from there would skip."""
     step, validate_every = trainer.global_step, trainer.val_check_batch
     assert validate_every is not None  # set once training has started
     log_every: int = trainer.log_every_n_steps  # type: ignore[attr-defined]

@@ -18,8 +18,8 @@ from shaftpose.settings.schema import DetectionSettings
 _PEAK_CELLS = 5  # window in which a peak is the maximum, along x and y
 # Largest distance between a tip and a pixel's vote for it: this plus a share of the voted offset.
 _VOTE_PX, _VOTE_SHARE = 15.0, 0.3
-_LEAST_SCORE = 0.1  # minimum score of peaks that take pixels
-_BESIDE_PX = 8.0
+_LEAST_SCORE = 0.1  # minimum score of peaks that get pixels
+_BESIDE_PX = 8.0  # distance from a tip up to which a cell has a small weight in any case
 # Cells that give a shaft's direction: next to its tip, with an exact vote.
 _NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
 # Distance from a shaft's axis that counts as much as a vote at its limit: this plus a share of the
@@ -28,10 +28,10 @@ _ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
 def decode(mask: Tensor, maps: Tensor, camera: Camera, limits: DetectionSettings) -> DecodedOutputs:
-    """Decode one instrument for each of the highest peaks.
+    """One instrument for each of the highest peaks of the tip heat map.
 
-    The pose is the mean over the mask's cells that vote for the peak. The box is the extent of the
-    peak's pixels in the mask. mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
+    Its pose is the mean over the mask's cells that vote for the peak, its box the extent of the
+    mask's pixels that belong to it. mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
     """
     mask, maps = mask.float(), maps.float()
     heat, centres = maps[:, 0].sigmoid(), cell_centres(maps.shape[-1], camera.width, maps.device)
@@ -89,13 +89,15 @@ def _means(maps: Tensor, weights: Tensor) -> Tensor:
 def _belonging(
     mask: Tensor, maps: Tensor, tips: Tensor, directions: Tensor, scores: Tensor, camera: Camera
 ) -> tuple[Tensor, Tensor]:
-    """Whether each pixel of the mask belongs to each tip, (B, K, h, w) bool, and the distance of
-    its vote from the tip, px.
+    """Assign the mask's pixels to tips.
 
-    A pixel votes for tips within a limit that grows with the voted offset, because long offsets are
-    less exact. It belongs to the one for which the sum of two shares is least: of its vote's
-    distance in that limit, and of its distance from the axis, where two shafts touch. Peaks of low
-    score take no pixels.
+    Returns whether a pixel belongs to a tip, (B, K, h, w) bool, and the distance of its vote, the
+    place that its offset points to, from that tip in px.
+
+    A pixel belongs to one of the tips whose distance from its vote is within a limit, which grows
+    with the offset because long offsets are less exact. Of these it is the tip for which the sum of
+    two ratios is least: the vote's distance to the limit, and the pixel's distance from the axis to
+    another limit, which parts shafts that touch. Peaks of low score get no pixels.
     """
     size = mask.shape[-2:]
     votes = OFFSET_SCALE_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")

@@ -1,8 +1,8 @@
 """E's edge reader: finds the outline of a shaft near a supposed one, and says how sure it is.
 
-It reads strips of the image along the supposed outline (`refinement.contour_sampling`). Edges of
-highlights inside the metal, of shadows and of other shafts are often stronger than the outline: the
-reader learns which edge is meant, from random outlines near those of annotated shafts.
+It reads strips of the image along the supposed outline (`refinement.contour_sampling`). Highlights
+inside the metal, shadows and other shafts often have stronger edges than the outline. The reader
+learns to ignore them, from random outlines near those of annotated shafts.
 """
 
 from collections.abc import Iterator
@@ -21,25 +21,30 @@ from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS, outline_strips
 from shaftpose.refinement.pose_parameters import moved
 
+# The reader.
 _FINE, _CHANNELS = 16, 64
 _KERNEL, _DILATIONS = (5, 1), (1, 2, 4, 8)  # along the outline
-_LOG_SCALES = (-4.0, 3.0)
-_PLAIN = 0.1  # weight of the loss that does not depend on the scales
-
+_LOG_SCALES = (-4.0, 3.0)  # limits of the predicted logarithms
+_SMOOTH_L1_WEIGHT = 0.1
+# Its samples.
 _OUTLINES = 4  # for each shaft
-_STEP_PX = (0.25, 0.5)  # between columns
-# Standard deviations of the parameters at the widest step, times a random size: the fit to a mask
-# ends near the true outline, or far from it.
+_STEP_PX = (0.25, 0.5)  # range of the distance between columns
+# Standard deviations of the pose's parameters at the widest step, times a random size: a fit to a
+# mask may end near the true outline or far from it.
 _SPREAD, _SIZES = np.array([1.5, 1.5, 0.05, 5.0, 3.0]), (0.04, 2.0)
 _OUTERMOST = 2  # columns at the ends, where no edge is to be learned
-# Between two of these, and even within the thinnest shaft, there is one crossing at most.
+# Places at which the true outline is searched, close enough that it passes at most once between two
+# even of the thinnest shaft, and bisections between them.
 _PLACES, _HALVINGS = 11, 6
 
 
 class EdgeSamples(NamedTuple):
-    """colours: (M, 3, ROWS, COLUMNS) in [-1, 1]; offsets: (M, ROWS), columns from the middle one
-    to the true outline, positive outwards, or to the outermost one where it lies beyond; known:
-    (M, ROWS) bool, which rows show the image."""
+    """Strips along supposed outlines, and where the true ones are.
+
+    colours: (M, 3, ROWS, COLUMNS) in [-1, 1]; offsets: (M, ROWS) of the true outline from the
+    middle column, in columns, positive outwards, clipped to the outermost columns with an edge;
+    known: (M, ROWS) bool, rows inside the image.
+    """
 
     colours: Tensor
     offsets: Tensor
@@ -62,23 +67,29 @@ class EdgeReader(nn.Module):
         self.values = nn.Conv2d(_CHANNELS, 2, 1)
 
     def forward(self, strips: Tensor) -> tuple[Tensor, Tensor]:
-        """(M, 3, ROWS, COLUMNS) in [-1, 1] -> offsets (M, ROWS) of the outline, in columns from
-        the middle one, and the logarithms (M, ROWS) of the mean errors of these offsets."""
+        """Strips (M, 3, ROWS, COLUMNS) in [-1, 1] -> offsets (M, ROWS) of the outline from the
+        middle column, in columns, and the logarithms (M, ROWS) of their expected errors."""
         offsets, log_scales = self.values(self.along(self.fine(strips)))[..., 0].unbind(1)
         return MIDDLE * torch.tanh(offsets / MIDDLE), log_scales.clamp(*_LOG_SCALES)
 
     def loss(self, samples: EdgeSamples) -> Tensor:
-        """Negative log-likelihood of Laplace distributions, plus a share of smooth L1; scalar."""
+        """Negative log-likelihood of Laplace distributions plus a little smooth L1, a scalar.
+
+        Smooth L1 does not depend on the predicted errors.
+        """
         offsets, log_scales = self(samples.colours)
         errors = (offsets.float() - samples.offsets).abs()
         plain = functional.smooth_l1_loss(offsets.float(), samples.offsets, reduction="none")
-        losses = errors * torch.exp(-log_scales.float()) + log_scales.float() + _PLAIN * plain
+        likelihood = errors * torch.exp(-log_scales.float()) + log_scales.float()
+        losses = likelihood + _SMOOTH_L1_WEIGHT * plain
         return (losses * samples.known).sum() / samples.known.sum().clamp(min=1)
 
 
 def edge_samples(images: Tensor, targets: Targets, shaft: Shaft, camera: Camera) -> EdgeSamples:
-    """Random outlines of all shafts with known poses in images (B, 3, H, W) in [-1, 1]; random
-    numbers are drawn from torch's generator."""
+    """Samples at random outlines near all shafts with known poses.
+
+    images: (B, 3, H, W) in [-1, 1]. Random numbers depend on torch's generator.
+    """
     rng = np.random.default_rng(int(torch.randint(2**62, ())))
     pictures = images.float().permute(0, 2, 3, 1).cpu().numpy()
     shown = (targets.valid & targets.has_pose[:, None]).cpu().numpy()
@@ -107,7 +118,7 @@ def _samples(
     camera: Camera,
     rng: np.random.Generator,
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]]:
-    """Colours, offsets and which are known, for outlines near that of a pose."""
+    """The colours, offsets and known rows of `EdgeSamples` at random outlines near one pose."""
     for _ in range(_OUTLINES):
         step_px = float(rng.uniform(*_STEP_PX))
         size = np.exp(rng.uniform(*np.log(_SIZES))) * step_px / _STEP_PX[1]
@@ -125,14 +136,14 @@ def _samples(
 def true_offsets(
     contour: Contour, pose: Array, shaft: Shaft, camera: Camera, reach_px: float
 ) -> Array:
-    """Distance from each sample to the true outline along its normal, (N,) px, positive outwards;
-    plus or minus `reach_px` where it is further away.
+    """Distances (N,) px from a contour's samples to the true outline along their normals.
 
-    From samples inside the true silhouette it is looked for outwards, from others inwards.
+    Positive outwards; plus or minus `reach_px` where the outline is further away. Searches outwards
+    from samples inside the true silhouette, and inwards from others.
     """
 
     def inside(px: Array) -> NDArray[np.bool_]:
-        """Of places (N, ...) px from the samples."""
+        """Whether places, (N, ...) px along the normals, are inside the true silhouette."""
         points = contour.points[:, None] + px[..., None] * contour.normals[:, None]
         return covered(points, pose, shaft, camera)
 

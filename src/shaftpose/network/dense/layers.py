@@ -7,7 +7,7 @@ Pair = tuple[int, int]
 
 
 class Residual(nn.Module):
-    """Two convolutions with batch normalisation, and a shortcut; the first may be dilated."""
+    """Two convolutions with batch normalisation, the first perhaps dilated, and a shortcut."""
 
     def __init__(self, channels: int, kernel: Pair = (3, 3), dilation: Pair = (1, 1)) -> None:
         super().__init__()
@@ -27,8 +27,10 @@ def conv_norm_relu(
     dilation: Pair = (1, 1),
     padded: bool = True,
 ) -> nn.Sequential:
-    """A convolution without bias, batch normalisation and ReLU; padded: to the size of its input
-    over the stride."""
+    """A convolution without bias, batch normalisation and ReLU.
+
+    padded: keeps the size of the input, divided by the stride.
+    """
     across, along = (d * (k // 2) * padded for k, d in zip(kernel, dilation, strict=True))
     return nn.Sequential(
         nn.Conv2d(in_channels, channels, kernel, stride, (across, along), dilation, bias=False),

@@ -18,6 +18,7 @@ from shaftpose.network.dense.coding import (
     encoded_depth,
     project,
 )
+from shaftpose.network.pose_network import gather_rows
 from shaftpose.settings.schema import Positive
 
 _BORDER_REACH_PX = 8  # beyond which a border's weight is left out
@@ -54,7 +55,7 @@ class DenseLoss:
         """Border-weighted cross-entropy plus Dice loss, at the image's resolution.
 
         Upsampling before the loss lets a half-resolution mask learn subpixel edges.
-        instances: (B, H, W), see `Targets`; pixels that are `UNKNOWN` count nothing.
+        instances: (B, H, W), see `Targets`; pixels that are `UNKNOWN` do not count.
         """
         known = instances != UNKNOWN
         truth = (known & (instances > 0)).float()
@@ -85,16 +86,18 @@ class DenseLoss:
         return losses.sum() / (self.tip_cells * known.sum().clamp(min=1))
 
     def pose_loss(self, values: Tensor, truth: Tensor, counts: Tensor) -> Tensor:
-        """Smooth L1 of tip offset, tip depth and axis where they count, averaged over the cells of
-        shafts."""
+        """Smooth L1 of tip offset, depth and axis where they are known, per cell on a shaft."""
         errors = functional.smooth_l1_loss(values, truth, reduction="none", beta=self.smooth)
         cells = counts.any(1).sum().clamp(min=1)
         return (errors * counts).sum(1).sum() / cells
 
 
 class DenseTargets(NamedTuple):
-    """heat: (B, cells, cells) in [0, 1]; has_heat: (B,) bool, images all of whose tips are known;
-    values: (B, 6, cells, cells); counts: the same shape, bool, where `values` are known."""
+    """Targets of E's maps, cell by cell.
+
+    heat: (B, cells, cells) in [0, 1]; has_heat: (B,) bool, whether all tips of the image are known;
+    values: (B, 6, cells, cells), see `coding`; counts: the same shape, bool, where they are known.
+    """
 
     heat: Tensor
     has_heat: Tensor
@@ -104,39 +107,51 @@ class DenseTargets(NamedTuple):
 
 def dense_targets(targets: Targets, cells: int, camera: Camera) -> DenseTargets:
     """The targets of a batch. Images without poses have heat and offsets where tips are known."""
+    assert targets.instances is not None, "this network needs instance masks for training"
     centres = cell_centres(cells, camera.width, targets.poses.device)
     has_pose = targets.valid & targets.has_pose[:, None]
     poses = torch.where(has_pose[..., None], targets.poses, torch.ones_like(targets.poses))
-    tips, has_tip = project(poses[..., :3], camera), has_pose
-    if targets.tips_px is not None:
-        annotated = targets.valid & ~has_pose & targets.tips_px.isfinite().all(-1)
-        tips = torch.where(annotated[..., None], targets.tips_px, tips)
-        has_tip = has_pose | annotated
-    distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
-    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * has_tip[..., None, None]
+    tips, has_tip = _tips(targets, poses, has_pose, camera)
     rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
     known = torch.cat(
-        [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], -1
+        [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], dim=-1
     )
-    assert targets.instances is not None, "this network needs instance masks for training"
     shaft = _coarse(targets.instances, cells) - 1
-    # A shaft that is left out may have its tip in an image without others.
-    has_unknown = (targets.instances == UNKNOWN).flatten(1).any(1)
     on_shaft = (shaft >= 0) & (shaft < rows.shape[1])  # else background or unknown
-    chosen = torch.where(on_shaft, shaft, 0).flatten(1)[..., None].expand(-1, -1, rows.shape[-1])
-    values, counts = (part.gather(1, chosen).unflatten(1, (cells, cells)) for part in (rows, known))
+    shaft = torch.where(on_shaft, shaft, 0).flatten(1)
+    values, counts = (gather_rows(r, shaft).unflatten(1, (cells, cells)) for r in (rows, known))
     offsets = (values[..., :2] - centres) / OFFSET_SCALE_PX
     values = torch.cat([offsets, values[..., 2:]], dim=-1)
+    # A left-out shaft may have its tip in an image without other shafts.
+    has_unknown = (targets.instances == UNKNOWN).flatten(1).any(1)
     return DenseTargets(
-        heat=heat.amax(1),
+        heat=_heat(tips, has_tip, centres),
         has_heat=(has_tip | ~targets.valid).all(1) & (targets.valid.any(1) | ~has_unknown),
         values=values.permute(0, 3, 1, 2),
         counts=(counts & on_shaft[..., None]).permute(0, 3, 1, 2),
     )
 
 
+def _tips(
+    targets: Targets, poses: Tensor, has_pose: Tensor, camera: Camera
+) -> tuple[Tensor, Tensor]:
+    """Tips (B, G, 2) px, from poses where there are any, and whether they are known (B, G)."""
+    tips = project(poses[..., :3], camera)
+    if targets.tips_px is None:
+        return tips, has_pose
+    annotated = targets.valid & ~has_pose & targets.tips_px.isfinite().all(-1)
+    return torch.where(annotated[..., None], targets.tips_px, tips), has_pose | annotated
+
+
+def _heat(tips: Tensor, has_tip: Tensor, centres: Tensor) -> Tensor:
+    """The largest of the Gaussians around known tips (B, G, 2) px, (B, cells, cells)."""
+    distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
+    heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * has_tip[..., None, None]
+    return heat.amax(1)
+
+
 def _coarse(instances: Tensor, cells: int) -> Tensor:
-    """The shaft at the centre of each cell, (B, cells, cells): 0 for none, else from 1."""
+    """The number of the shaft at the centre of each cell, (B, cells, cells), from 1; 0 for none."""
     side = instances.shape[-1]
     at = ((torch.arange(cells, device=instances.device) + 0.5) * side / cells).long()
     return instances[:, at][:, :, at].long()

@@ -2,8 +2,8 @@
 
 It predicts a mask of all shafts at half the image's resolution. At a quarter it predicts a heat map
 of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
-direction of the axis. An edge reader, which shares nothing with it but the images, is trained with
-it.
+direction of the axis. An edge reader is trained along with it, on the same images; the two share no
+weights.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ _RARE = -4.0  # initial logit of a tip
 
 
 class DenseOutputs(NamedTuple):
-    """mask: (B, 1, 150, 150) logits of a shaft; maps: (B, 7, 75, 75), see `dense_targets`; images:
-    the network's input, which the edge reader reads where it is told to."""
+    """mask: (B, 1, 150, 150) logits; maps: (B, 7, 75, 75), the tip's logit and the values of
+    `coding`; images: (B, 3, 299, 299), the input, from which the edge reader learns."""
 
     mask: Tensor
     maps: Tensor
@@ -44,8 +44,11 @@ class DenseOutputs(NamedTuple):
 
 
 class DenseNetwork(MaskNetwork):
-    """The U-Net, and the edge reader. `channels`: of the levels at 1/2, 1/4, ... of the image's
-    resolution; shaft: None if its outline is not known, so that there is no edge reader."""
+    """The U-Net and the edge reader.
+
+    channels: of the levels at 1/2, 1/4, ... of the image's resolution; shaft: None if the shape of
+    its outline is unknown: there is no edge reader then.
+    """
 
     needs_instances = True
 
@@ -96,7 +99,7 @@ class DenseNetwork(MaskNetwork):
         return {**terms, "loss": terms["loss"] + edge, "edge": edge}
 
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
-        """One instrument per peak of the tip heat map."""
+        """One instrument for each peak of the tip heat map."""
         return decode(outputs.mask, outputs.maps, self.camera, limits)
 
     def edge_reader(self) -> EdgeReader | None:
@@ -104,9 +107,10 @@ class DenseNetwork(MaskNetwork):
         return self.edges
 
     def masks(self, outputs: DenseOutputs) -> Tensor:
-        """The mask of all shafts, (B, 299, 299).
+        """Probabilities of a shaft, (B, 299, 299).
 
-        As in the loss, logits are scaled up: where they are 0 between two cells lies an edge.
+        As in the loss, logits are enlarged, not probabilities: an edge between two cells is where
+        the interpolated logit is 0.
         """
         side = self.camera.width
         wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")

@@ -65,7 +65,7 @@ class Chain(nn.Sequential):
 
 
 class Pool(nn.Module):
-    """A pooling layer that knows its number of output channels."""
+    """A pooling layer with the attribute `channels`, like the other blocks."""
 
     def __init__(self, pool: nn.Module, channels: int) -> None:
         super().__init__()
@@ -87,7 +87,7 @@ class PooledChain(Chain):
 
 
 class Fork(nn.Module):
-    """A chain followed by several parallel chains, concatenated."""
+    """A chain that forks into several chains of one convolution each, concatenated."""
 
     def __init__(self, trunk: Chain, width: float, *rows: Conv) -> None:
         super().__init__()

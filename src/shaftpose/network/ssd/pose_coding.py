@@ -18,8 +18,8 @@ class PoseCoder(nn.Module, ABC):
     """The coding of poses in K numbers per default box.
 
     Built from the ranges of poses, `low` and `high` (5 values each: x_mm, y_mm, z_mm, pitch_deg,
-    yaw_deg). Values needed for decoding are buffers: a checkpoint stores them, because its weights
-    are meaningless without them.
+    yaw_deg). The values that decoding needs are buffers, so that a checkpoint stores them: its
+    weights mean nothing without them.
 
     values: K, the numbers that a head predicts for each default box; continuous: whether a small
     change of the outputs is a small change of the pose.

@@ -19,8 +19,8 @@ from shaftpose.settings.schema import DetectionSettings, PoseRanges
 class SingleShotNetwork(PoseNetwork):
     """Finds shafts and their poses in one pass, from default boxes.
 
-    `head` builds a head from `in_channels`, `boxes_per_cell`, `width` and `pose_values` (see
-    `heads`). `pose_coder` determines `pose_values` and decodes the head's poses.
+    `head` is a class of `heads`, or a function with the arguments of one. `pose_coder` states how
+    many numbers the head predicts for a pose, and decodes them.
     """
 
     defaults: Tensor
