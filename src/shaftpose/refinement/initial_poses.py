@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, unsigned_deg
 from shaftpose.refinement.contour import Array, Shaft, shaft_contour
 
-Region = NDArray[np.uint8]
-
 _MARGIN_PX = 7  # around an explained shaft: pixels that belong to it, too
 _OPENING = np.ones((5, 5), np.uint8)  # thinner regions are no shafts
 _LEAST_PX = 300  # of a region
@@ -44,7 +42,7 @@ def initial_poses_from_mask(
     return np.array(found).reshape(-1, 5)
 
 
-def _erase(shown: Region, pose: Array, shaft: Shaft, camera: Camera) -> None:
+def _erase(shown: NDArray[np.uint8], pose: Array, shaft: Shaft, camera: Camera) -> None:
     """Set the pixels of a shaft and of a margin around it to 0."""
     points = shaft_contour(pose, shaft, camera).points
     if len(points):
