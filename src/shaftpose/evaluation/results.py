@@ -45,10 +45,14 @@ class Evaluation:
     curves: Sequence[tuple[int, str, float]]
     origin: Origin | None = None
 
+    @property
+    def by_kind(self) -> dict[str, Accuracy]:
+        """Accuracy of `raw` and, if there are any, of `refined` poses."""
+        return {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
+
     def metrics(self) -> dict[str, MetricValues]:
-        """Metrics of raw and, if there are any, of refined poses."""
-        kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
-        return {kind: accuracy.metrics for kind, accuracy in kinds.items()}
+        """Metrics by kind of poses."""
+        return {kind: accuracy.metrics for kind, accuracy in self.by_kind.items()}
 
 
 @dataclass(frozen=True)
@@ -62,14 +66,18 @@ class Silhouettes:
     raw: Mapping[str, SilhouetteScore]
     refined: Mapping[str, SilhouetteScore] | None = None
 
+    @property
+    def by_kind(self) -> dict[str, Mapping[str, SilhouetteScore]]:
+        """Scores of `raw` and, if there are any, of `refined` poses."""
+        return {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
+
     def rates(self) -> dict[str, dict[str, MetricValues]]:
         """The metrics of Table II by kind of poses and set of images."""
-        kinds = {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
         names = [metric.name for metric in metrics_named("detected_rate", "iou")]
         return {
             kind: {
                 images: {name: getattr(score, name) for name in names}
                 for images, score in scores.items()
             }
-            for kind, scores in kinds.items()
+            for kind, scores in self.by_kind.items()
         }

@@ -1,4 +1,4 @@
-"""Plain data of an ablation study: training settings, amounts of data and metrics."""
+"""The content of the report: a row for each variant, and the choice of the champion."""
 
 import math
 from collections.abc import Mapping
@@ -88,8 +88,8 @@ class Champion:
 class AblationReport:
     """The content of the report.
 
-    `profile`: the run's profile in conf/profiles.yaml. `constant`: metrics of the constant
-    predictor. `domain_label`: what the images without poses are, `REAL` or `STAND_IN`.
+    constant: metrics of the constant predictor; domain_label: what the images without poses are,
+    `REAL` or `STAND_IN`; profile: the run's, of conf/profiles.yaml.
     """
 
     rows: list[VariantRow]
@@ -108,27 +108,22 @@ class AblationReport:
     @property
     def best(self) -> VariantRow | None:
         """The champion's row."""
-        return next((row for row in self.rows if self.is_best(row)), None)
-
-    def is_best(self, row: VariantRow) -> bool:
-        """Whether a row is the champion's."""
-        return (row.variant, row.refined) == (self.champion.variant, self.champion.refined)
+        wanted = (self.champion.variant, self.champion.refined)
+        return next((row for row in self.rows if (row.variant, row.refined) == wanted), None)
 
 
 def variant_rows(
     name: str, evaluation: Evaluation, silhouettes: Silhouettes | None = None
 ) -> list[VariantRow]:
     """The table rows of one variant: its network's own poses and, if it has them, refined ones."""
-    kinds = [(evaluation.raw, silhouettes.raw if silhouettes else {})]
-    if evaluation.refined:
-        kinds.append((evaluation.refined, (silhouettes.refined or {}) if silhouettes else {}))
+    scores = silhouettes.by_kind if silhouettes else {}
     return [
         replace(
             _row(name, evaluation, accuracy),
-            refined=accuracy is evaluation.refined,
-            silhouettes={images: asdict(score) for images, score in scores.items()},
+            refined=kind == "refined",
+            silhouettes={images: asdict(one) for images, one in scores.get(kind, {}).items()},
         )
-        for accuracy, scores in kinds
+        for kind, accuracy in evaluation.by_kind.items()
     ]
 
 

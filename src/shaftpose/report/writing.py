@@ -78,8 +78,7 @@ def report_figures(
         titles = [row.shown_title(domain) for row in variant_rows(name, one)]
         curves = [row for row in one.curves if row[1] in LEARNING_CURVES]
         learning[titles[0]] = [curves]
-        kinds = [one.raw, *([one.refined] if one.refined else [])]
-        accuracies |= dict(zip(titles, kinds, strict=True))
+        accuracies |= dict(zip(titles, one.by_kind.values(), strict=True))
     return {
         "Ablation": ablation_figure(report.rows, report.constant, domain),
         "Precision and recall": precision_recall_figure(
