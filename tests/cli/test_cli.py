@@ -343,8 +343,7 @@ def test_a_reader_who_has_enough_ends_the_command_quietly(model: Path, frame: Pa
 
 
 def test_a_model_of_a_registry_needs_mlflow(frame: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("shaftpose.tracking", raising=False)
-    monkeypatch.setitem(sys.modules, "shaftpose.tracking", None)
+    monkeypatch.setitem(sys.modules, "shaftpose.tracking.models", None)
     with pytest.raises(SystemExit, match=r"mlflow:/shaftpose@champion: needs MLflow: in a clone"):
         main(["predict", str(frame), "--model", "mlflow:/shaftpose@champion"])
 
