@@ -88,7 +88,7 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6
 	shaftpose show dataset data/render/images --out docs/images/renders.jpg --count 12 --columns 4
 	shaftpose show dataset data/render/occluded --out docs/images/occluded.jpg --count 4 --columns 4
-	python -m studies.preset_picture real docs/images/real_preset.jpg
+	python -m studies.preset_picture laparoscopy docs/images/laparoscopy_preset.jpg
 	install -m 644 reports/e/figures/predictions.jpg docs/images/predictions.jpg
 	install -m 644 reports/e/figures/worst_predictions.jpg docs/images/worst_predictions.jpg
 	install -m 644 reports/e/figures/errors_over_bounds.png docs/images/over_bounds.png

@@ -22,7 +22,7 @@ FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data
 def main(settings: Settings) -> None:
     """Write `model.ckpt`, `curves.csv` and `training.json` to `out`."""
 
-    def tracked(
+    def open_tracked_run(
         training_id: str, parameters: dict[str, Any], digests: dict[str, str]
     ) -> AbstractContextManager[Logger]:
         connect(settings.tracking.uri, settings.tracking.experiment)
@@ -31,7 +31,7 @@ def main(settings: Settings) -> None:
         return training_run(training_id, name, parameters, dataset, "data/render", sweep)
 
     recipe, scratch = training_recipe(settings), Path("data/scratch")
-    train(recipe, FOLDERS, scratch, settings.out, settings.profile, tracked)
+    train(recipe, FOLDERS, scratch, settings.out, settings.profile, open_tracked_run)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Render images with a preset, in front of the backgrounds in data/backgrounds.
 
-`python -m studies.preset_picture real docs/images/real_preset.jpg`
+`python -m studies.preset_picture laparoscopy docs/images/laparoscopy_preset.jpg`
 """
 
 import argparse

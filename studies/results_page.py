@@ -28,7 +28,7 @@ def to_page(
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
     errors of pose classes; sweeps: tables of `python -m studies.draw_sweep`, by name; benchmarks:
-    contents of result files, by name; real: the run of the preset `real`.
+    contents of result files, by name; real: the run of the preset `laparoscopy`.
     """
     return rendered(
         "results.md.j2",

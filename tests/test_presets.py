@@ -17,9 +17,9 @@ SECTIONS = {"camera", "poses", "shaft", "scene", "lens"}  # which dvc.yaml lists
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A copy of the project's settings that chooses the preset `real`."""
+    """A copy of the project's settings that chooses the preset `laparoscopy`."""
     shutil.copytree(ROOT / "conf", tmp_path / "conf", symlinks=True)
-    params = (ROOT / "params.yaml").read_text().replace("preset: none", "preset: real")
+    params = (ROOT / "params.yaml").read_text().replace("preset: none", "preset: laparoscopy")
     (tmp_path / "params.yaml").write_text(params)
     return tmp_path
 
@@ -40,7 +40,7 @@ def test_a_preset_changes_its_values_and_nothing_else(name: str) -> None:
 
 
 def test_params_and_the_command_line_choose_the_same(project: Path) -> None:
-    assert values(project) == values(ROOT, "preset=real")
+    assert values(project) == values(ROOT, "preset=laparoscopy")
     assert values(project, "preset=none") == values(ROOT)
 
 

@@ -53,8 +53,8 @@ def test_numbers_are_the_same_however_they_are_written() -> None:
         ("+colour=1", "params.yaml: colour = 1: unknown; remove it, or move it into its section"),
         ("scene.jaws_probability=1 shaft.tip=forceps", "params.yaml: scene.jaws_probability = 1: "),
         (
-            "preset=real scene.films=[0,2]",
-            "params.yaml or conf/preset/real.yaml: scene.films.1 = 2: ",
+            "preset=laparoscopy scene.films=[0,2]",
+            "params.yaml or conf/preset/laparoscopy.yaml: scene.films.1 = 2: ",
         ),
         ("shaft.length_mm=1 shaft.tip=forceps", "params.yaml: shaft: length_mm = 1 must be more"),
         ("variant.noise=-1", "conf/variant/d.yaml: noise = -1: "),

@@ -79,7 +79,7 @@ DETERMINES: dict[str, set[str]] = {
     "size.images_per_shard": {IMAGES},  # at most half of a set is in a shard
     "size.samples": EVERY_SET,
     "size.test_set": {CLEAR, OCCLUDED, *STAND_IN_TEST},
-    "size.real": {"stand-in train"},
+    "size.stand_in_images": {"stand-in train"},
     "size.width": PAPERS,
     "size.depth": PAPERS,
     "size.batch_size": TRAININGS,

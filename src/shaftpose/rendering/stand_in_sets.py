@@ -21,7 +21,7 @@ def stand_in_sets(
     settings: RenderSettings, size: RunSize, seed: int, folder: Path
 ) -> dict[str, RenderedSet]:
     """The sets by name; they share no background. folder: for the backgrounds."""
-    images = {"train": size.real, "clear": size.test_set, "occluded": size.test_set}
+    images = {"train": size.stand_in_images, "clear": size.test_set, "occluded": size.test_set}
     side_px = settings.camera.size_px
     return {
         name: RenderedSet(

@@ -266,7 +266,7 @@ class RunSize:
     images_per_shard: PositiveInt
     samples: PositiveInt
     test_set: PositiveInt
-    real: PositiveInt
+    stand_in_images: PositiveInt
     width: Annotated[float, Field(ge=0.1875)]
     depth: Annotated[float, Field(ge=0.17)]
     batch_size: PositiveInt

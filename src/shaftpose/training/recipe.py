@@ -24,8 +24,8 @@ _FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}
 # Sizes that a training reads only as images, as the weights that it starts from, or, in the
 # variant's file, as arguments of its network.
 _SIZES_ELSEWHERE = {
-    "sources", "variations", "images", "images_per_shard", "samples", "test_set", "real",
-    "detector_steps", "width", "depth",
+    "sources", "variations", "images", "images_per_shard", "samples", "test_set",
+    "stand_in_images", "detector_steps", "width", "depth",
 }  # fmt: skip
 # The CPU instructions that make bfloat16 faster. avx512_bf16 alone does not: a training step took
 # 1.4 times as long as in single precision.

@@ -32,12 +32,17 @@ logger = logging.getLogger(__name__)
 # The files of a training's result, in the order of writing.
 RESULT = CHECKPOINT, CURVES, RECORD = "model.ckpt", "curves.csv", "training.json"
 
-# Opens a tracked run from the training's id, its parameters and the digests of its data.
-Tracker = Callable[[str, dict[str, Any], dict[str, str]], AbstractContextManager[Logger]]
+# Opens a tracked run of a training's id, its parameters and the digests of its data.
+OpenTrackedRun = Callable[[str, dict[str, Any], dict[str, str]], AbstractContextManager[Logger]]
 
 
 def train(
-    recipe: Recipe, folders: DataFolders, scratch: Path, out: Path, profile: str, tracker: Tracker
+    recipe: Recipe,
+    folders: DataFolders,
+    scratch: Path,
+    out: Path,
+    profile: str,
+    open_tracked_run: OpenTrackedRun,
 ) -> None:
     """Write `model.ckpt`, `curves.csv` and `training.json` to `out`.
 
@@ -70,7 +75,7 @@ def train(
         size = recipe.size
         logger.info("training %s: %d steps of %d images", title, size.steps, size.batch_size)
         parameters = run_parameters(recipe, data_used, profile)
-        with tracker(training_id, parameters, digests(data_used)) as run_logger:
+        with open_tracked_run(training_id, parameters, digests(data_used)) as run_logger:
             trainer.loggers = [curves, run_logger]
             fit(trainer, module, data, folder)
         curves.write(folder / CURVES)
