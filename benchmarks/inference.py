@@ -25,6 +25,7 @@ from shaftpose.core.images import Image
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import bundled_model, bundled_names
+from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.video_files import VideoFile
 from shaftpose.settings.choices import Refinement
@@ -88,8 +89,8 @@ def networks() -> dict[tuple[str, str], Run]:
 
 def network(path: Path) -> Run:
     """A network alone."""
-    opened = open_network(path, "onnxruntime")
-    small = np.asarray(cv2.resize(next(frames()), (opened.side_px,) * 2), np.uint8)[None]
+    opened, side_px = open_network(path, "onnxruntime"), Predictor(path).side_px
+    small = np.asarray(cv2.resize(next(frames()), (side_px, side_px)), np.uint8)[None]
     return lambda _: opened.run(opened.outputs, small)
 
 

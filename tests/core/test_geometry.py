@@ -146,7 +146,7 @@ def test_what_a_distortion_would_fold_back_stays_outside() -> None:
 
 
 def test_a_round_field_of_view() -> None:
-    camera = replace(CAMERA, field_px=100.0)
+    camera = replace(CAMERA, field=CAMERA.disc(100.0))
     inside = camera.shows(np.array([[149.5, 99.5], [149.5, 99.4], [184.8, 184.8], [184.9, 184.9]]))
     assert inside.tolist() == [True, False, True, False]
     shown = np.isfinite(camera.rays()[..., 0])

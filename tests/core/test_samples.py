@@ -4,6 +4,7 @@ import json
 import tarfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,12 +58,12 @@ def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
     [
         ({}, {}),
         ({"k1": -0.2, "k2": 0.05}, {"distortion": [-0.2, 0.05]}),
-        ({"field_px": 60.0}, {"field_px": 60.0}),
-        ({"k2": 0.1, "field_px": 60.0}, {"distortion": [0.0, 0.1], "field_px": 60.0}),
+        ({"field": CAMERA.disc(60.0)}, {"field_px": 60.0}),
+        ({"k2": 0.1, "field": CAMERA.disc(60.0)}, {"distortion": [0.0, 0.1], "field_px": 60.0}),
     ],
 )
 def test_a_camera_states_its_lens_and_survives(
-    tmp_path: Path, lens: dict[str, float], stated: dict[str, object]
+    tmp_path: Path, lens: dict[str, Any], stated: dict[str, object]
 ) -> None:
     camera = replace(CAMERA, **lens)
     path = tmp_path / shard_name(0)

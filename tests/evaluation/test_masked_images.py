@@ -22,7 +22,7 @@ MASK[4:12, 8:24] = True
 BOX = (8, 4, 24, 12)
 AXIS = np.array([[[8.0, 8.0], [24.0, 8.5]]])
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
-DISTORTED = replace(CAMERA, k1=-0.02, k2=0.01, field_px=30.0)
+DISTORTED = replace(CAMERA, k1=-0.02, k2=0.01, field=CAMERA.disc(30.0))
 
 
 def write_rendered(folder: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.found_shafts import axis_points, axis_px, box_px
-from shaftpose.inference.views import CentreSquare, Resampled
+from shaftpose.inference.views import Resampled, central_square
 
 MODEL = Camera.from_field_of_view(300, 300, 90.0)  # a focal length of 150 px
 
@@ -15,7 +15,7 @@ def test_the_axis_begins_at_the_tip_and_ends_10_mm_behind_it() -> None:
     pose = ShaftPose(2.0, -4.0, 20.0, 90.0, 0.0)
     assert axis_points(pose) == pytest.approx(np.array([[2, -4, 20], [12, -4, 20]]))
     # Twice the model's pixels, from column 100: 2 * (150 * 2 / 20 + 150) + 100 = 430.
-    found = axis_px(pose, MODEL, CentreSquare(800, 600, 300))
+    found = axis_px(pose, central_square(800, 600, MODEL))
     assert found == pytest.approx(np.array([[430, 240], [580, 240]]))
 
 
@@ -26,12 +26,12 @@ def test_the_axis_ends_before_half_of_the_tips_depth() -> None:
 
 
 def test_a_tip_behind_the_camera_has_finite_pixels() -> None:
-    found = axis_px(ShaftPose(1, 2, -5, 60, 0), MODEL, CentreSquare(300, 300, 300))
+    found = axis_px(ShaftPose(1, 2, -5, 60, 0), central_square(300, 300, MODEL))
     assert np.isfinite(found).all()
 
 
 def test_a_box_is_clipped_to_the_frame() -> None:
-    view = CentreSquare(800, 600, 300)
+    view = central_square(800, 600, MODEL)
     box = box_px(np.array([-90.0, 10, 100, 320]), view, 800, 600)
     assert box.tolist() == [0, 20, 300, 600]
 

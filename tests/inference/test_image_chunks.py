@@ -38,7 +38,7 @@ def environment(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def options(constant_model: Path) -> FinderOptions:
     store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
-    return FinderOptions(str(constant_model), None, 95.0, None, None, "edges", "onnxruntime")
+    return FinderOptions(str(constant_model), None, 95.0, None, None, None, "edges", "onnxruntime")
 
 
 @pytest.fixture

@@ -1,14 +1,27 @@
-"""Frames as the square images of a model, and back."""
+"""Frames as the images of a model, and back."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.calibration_files import stated_view
-from shaftpose.inference.views import CentreSquare, Resampled, known_camera
+from shaftpose.inference.views import (
+    Resampled,
+    central_square,
+    known_camera,
+    parts_of,
+    unknown_camera,
+    whole_frame,
+)
+
+
+def fail(message: str) -> None:
+    raise AssertionError(message)
+
 
 MODEL = Camera.from_field_of_view(299, 299, 95.0)
 
@@ -42,7 +55,7 @@ def test_a_known_camera_is_seen_as_the_models() -> None:
     matrix = np.array([[300, 0, 430], [0, 310, 380], [0, 0, 1.0]])
     camera = Calibration(840, 800, matrix, np.array([0.05, 0, 0, 0]))
     view = Resampled(camera, MODEL)
-    found = view.square(photograph(camera, 0.05)).astype(float)
+    found = view.picture(photograph(camera, 0.05)).astype(float)
     # The model's corners, 1.54 = tan 57 deg from the axis, are at 1.72 f = 517 px, still inside.
     assert view.covered > 0.99
     inside = np.abs(found - expected()[..., None])[2:-2, 2:-2]
@@ -53,7 +66,7 @@ def test_a_known_camera_is_seen_as_the_models() -> None:
 def test_the_models_own_camera_changes_nothing() -> None:
     image = np.random.default_rng(3).integers(0, 256, (299, 299, 3), dtype=np.uint8)
     view = Resampled(Calibration.pinhole(299, 299, 95.0), MODEL)
-    np.testing.assert_array_equal(view.square(image), image)
+    np.testing.assert_array_equal(view.picture(image), image)
     assert view.covered == 1.0
     assert view.image_px(np.array([[12.0, 250.5]]))[0] == pytest.approx([12.0, 250.5])
 
@@ -61,7 +74,7 @@ def test_the_models_own_camera_changes_nothing() -> None:
 def test_what_a_narrow_camera_does_not_see_is_black() -> None:
     """60 deg across 200 px: tan 30 / tan 47.5 = 0.529 of the model's side, 158 px."""
     view = Resampled(Calibration.pinhole(200, 200, 60.0), MODEL)
-    square = view.square(np.full((200, 200, 3), 200, dtype=np.uint8))
+    square = view.picture(np.full((200, 200, 3), 200, dtype=np.uint8))
     lit = square[..., 0] > 100
     assert lit.any(axis=0).sum() == lit.any(axis=1).sum() == pytest.approx(158, abs=1)
     assert lit[149, 149] and square[0, 0, 0] == 0
@@ -72,7 +85,7 @@ def test_nothing_is_seen_beyond_the_fold_of_a_distortion() -> None:
     """k1 = -0.3 folds at r = 1.054, between the model's sides (1.09) and its middle."""
     plain = Calibration.pinhole(600, 600, 100.0)
     view = Resampled(Calibration(600, 600, plain.matrix, np.array([-0.3, 0, 0, 0])), MODEL)
-    square = view.square(np.full((600, 600, 3), 200, dtype=np.uint8))
+    square = view.picture(np.full((600, 600, 3), 200, dtype=np.uint8))
     assert not square[0].any() and not square[:, 0].any()
     assert square[149, 149 + 140].all()
 
@@ -89,19 +102,19 @@ def test_pixels_lead_back_through_the_lens() -> None:
 
 def test_the_central_square_leads_back() -> None:
     """Of 1000 x 600 px: 600 px wide, from column 200."""
-    view = CentreSquare(1000, 600, 300)
+    view = central_square(1000, 600, Camera.from_field_of_view(300, 300, 95.0))
     assert view.image_px(np.array([[0.0, 0.0], [300, 300], [10, 20]])).tolist() == [
         [200, 0], [800, 600], [220, 40],
     ]  # fmt: skip
     frame = np.zeros((600, 1000, 3), dtype=np.uint8)
     frame[:, 200:800] = 50
-    assert (view.square(frame) == 50).all()
+    assert (view.picture(frame) == 50).all()
 
 
 def test_a_known_cameras_further_pixels_are_used() -> None:
     matrix = np.array([[300, 0, 430], [0, 310, 380], [0, 0, 1.0]])
     camera = Calibration(840, 800, matrix, np.array([0.05, 0, 0, 0]))
-    found = Resampled(camera, MODEL).fine_square(photograph(camera, 0.05))
+    found = Resampled(camera, MODEL).fine_picture(photograph(camera, 0.05))
     assert found is not None and found.shape == (598, 598, 3)  # 300 px are 2.2 focal lengths
     assert np.abs(found - expected(2)[..., None])[4:-4, 4:-4].max() < 2.5
 
@@ -113,17 +126,84 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
     width: int, height: int, side_px: int | None
 ) -> None:
     frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    fine = CentreSquare(width, height, 299).fine_square(frame)
+    fine = central_square(width, height, MODEL).fine_picture(frame)
     assert (None if fine is None else fine.shape) == (side_px and (side_px, side_px, 3))
     calibration = Calibration.pinhole(299, 299, 95.0)
-    assert Resampled(calibration, MODEL).fine_square(frame[:299, :299]) is None
+    assert Resampled(calibration, MODEL).fine_picture(frame[:299, :299]) is None
 
 
 def test_a_camera_that_sees_less_than_the_model_is_warned_of_once() -> None:
     warnings: list[str] = []
-    views = known_camera(stated_view(60.0), MODEL, warnings.append)
+    views = known_camera(stated_view(60.0), MODEL, False, warnings.append)
     assert views(299, 299) is views(299, 299)
     assert len(warnings) == 1
     assert "299 x 299 px fill only 28% of the view" in warnings[0]
-    known_camera(stated_view(95.0), MODEL, warnings.append)(1920, 1080)
+    known_camera(stated_view(95.0), MODEL, False, warnings.append)(1920, 1080)
     assert len(warnings) == 1
+
+
+def test_a_network_of_any_size_sees_the_whole_frame_of_a_known_camera() -> None:
+    """16:9 at the model's focal length: 95 deg across 1080 px are 299 px, 1920 px are 531.6."""
+    view = known_camera(stated_view(95.0), MODEL, True, fail)(1920, 1080)
+    assert (view.camera.width, view.camera.height) == (531, 299)
+    assert view.camera.focal_px == MODEL.focal_px
+    ends = view.image_px(np.array([[0.0, 0], [531.56, 299]]))
+    np.testing.assert_allclose(ends, [[0, 0], [1920, 1080]], atol=0.2)
+    assert view.picture(np.full((1080, 1920, 3), 9, np.uint8)).min() == 9
+
+
+def test_a_camera_off_its_axis_is_seen_whole() -> None:
+    matrix = np.array([[300, 0, 250.0], [0, 300, 199.5], [0, 0, 1]])
+    camera = Calibration(640, 400, matrix, np.zeros(0)).undistorted(150.0)
+    assert (camera.width, camera.height) == (320, 200)
+    assert (camera.cx, camera.cy) == pytest.approx((125.25, 100.0), abs=0.01)
+
+
+@pytest.mark.parametrize("k1", [-0.15, 0.15])
+def test_an_undistorted_picture_has_no_black_border(k1: float) -> None:
+    plain = Calibration.pinhole(640, 480, 70.0)
+    camera = Calibration(640, 480, plain.matrix, np.array([k1, 0, 0, 0]))
+    view = Resampled(camera, camera.undistorted(200.0))
+    assert view.covered > 0.999
+    assert view.picture(np.full((480, 640, 3), 9, np.uint8)).min() == 9
+    # Barrel distortion moves the ray through the middle of the right side inwards, t (1 + k1 t^2).
+    tangent = view.camera.cx / 200
+    reach = np.tan(np.radians(35)) * 640 / 480
+    assert tangent * (1 + k1 * tangent**2) <= reach + 1e-3
+    if k1 < 0:
+        assert tangent * (1 + k1 * tangent**2) == pytest.approx(reach, abs=1e-3)
+
+
+def test_a_principal_point_outside_of_the_frame_is_named() -> None:
+    matrix = np.array([[300, 0, 700.0], [0, 300, 199.5], [0, 0, 1]])
+    with pytest.raises(InputError, match=r"principal point \[700.0, 199.5\] lies outside"):
+        Calibration(640, 400, matrix, np.zeros(0)).undistorted(150.0)
+
+
+def test_an_unknown_cameras_frame_is_scaled_to_the_models_side() -> None:
+    view = unknown_camera(MODEL, any_size=True)(1280, 720)
+    assert (view.camera.width, view.camera.height) == (532, 299)
+    assert view.image_px(np.array([[266.0, 149.5]]))[0] == pytest.approx([640, 360])
+    fine = view.fine_picture(np.zeros((720, 1280, 3), np.uint8))
+    assert fine is not None and fine.shape == (598, 1064, 3)
+
+
+@pytest.mark.parametrize(("width", "height", "said"), [(63, 200, "at least 64"), (600, 100, "4:1")])
+def test_frames_that_are_too_small_or_too_long_are_named(
+    width: int, height: int, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        whole_frame(width, height, MODEL)
+
+
+def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
+    views = parts_of(unknown_camera(MODEL, any_size=True), (100, 50, 400, 300))
+    view = views(640, 480)
+    assert view.image_px(np.array([[0.0, 0], [399, 299]])) == pytest.approx(
+        np.array([[100, 50], [500, 350]]), abs=1
+    )
+    frame = np.zeros((480, 640, 3), np.uint8)
+    frame[50:350, 100:500] = 7
+    assert view.picture(frame).min() == 7
+    with pytest.raises(InputError, match="320 x 240 px, which do not hold --crop 100,50,400,300"):
+        views(320, 240)

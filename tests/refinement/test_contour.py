@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import axis_direction
+from shaftpose.core.geometry import Disc, axis_direction
 from shaftpose.refinement.contour import shaft_contour
 from tests.core.silhouettes import CAMERA, FINER, POSES, SHAFT, SIDE_PX, fine_mask
 
@@ -86,4 +88,15 @@ def test_a_line_ends_with_the_shaft() -> None:
 )
 def test_poses_without_a_contour(pose: list[float]) -> None:
     contour = shaft_contour(np.array(pose), SHAFT, CAMERA)
-    assert [len(part) for part in contour] == [0, 0, 0, 0, 0]
+    assert [len(part) for part in contour[:5]] == [0, 0, 0, 0, 0]
+
+
+def test_a_contour_ends_at_the_border_of_a_round_field() -> None:
+    camera = replace(CAMERA, field=Disc(170.0, 149.5, 180.0))
+    pose = np.array([0.0, 0.0, 20.0, 80.0, 0.0])
+    whole, part = (shaft_contour(pose, SHAFT, each) for each in (CAMERA, camera))
+    assert (whole.points[:, 0] > 270).any()
+    assert (camera.border_px(part.points) >= 0).all()
+    assert part.points[:, 0].max() > 250  # 260 at the height of the circle's centre
+    ends = np.array([part.points[part.parts == side][-1] for side in (0, 1)])
+    assert (camera.border_px(ends) < 3).all()

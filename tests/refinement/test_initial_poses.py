@@ -53,7 +53,7 @@ def test_small_round_and_thin_regions_are_no_shafts() -> None:
 
 
 def test_the_refiner_finds_what_only_the_mask_shows() -> None:
-    found = Refiner(SHAFT, CAMERA, None)(RGB, mask_of(FIRST), NOTHING)
+    found = Refiner(SHAFT, None)(RGB, mask_of(FIRST), NOTHING, CAMERA)
     assert len(found.scores) == 1
     assert 0.4 < found.scores[0] < 0.6  # the cube root of 0.2 is 0.58
     assert np.all(np.abs(found.poses[0] - FIRST) < [0.2, 0.2, 0.6, 2.0, 1.0])
@@ -61,5 +61,5 @@ def test_the_refiner_finds_what_only_the_mask_shows() -> None:
 
 
 def test_a_tip_that_is_not_flat_has_no_box_and_is_not_looked_for() -> None:
-    pointed = Refiner(SHAFT._replace(flat_tip=False), CAMERA, None)
-    assert len(pointed(RGB, mask_of(FIRST), NOTHING).scores) == 0
+    pointed = Refiner(SHAFT._replace(flat_tip=False), None)
+    assert len(pointed(RGB, mask_of(FIRST), NOTHING, CAMERA).scores) == 0

@@ -36,7 +36,7 @@ EDGES = {"mask": None, "edges": brightness_edges}
 @pytest.mark.parametrize("name", EDGES)
 def test_poses_and_boxes_are_those_of_the_silhouette(name: str) -> None:
     mask = soft_mask(POSES[0])
-    found = Refiner(SHAFT, CAMERA, EDGES[name])(grey(mask), mask, detections(POSES[0] + OFF))
+    found = Refiner(SHAFT, EDGES[name])(grey(mask), mask, detections(POSES[0] + OFF), CAMERA)
     assert np.all(np.abs(found.poses[0] - POSES[0]) < NEAR)
     assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 2.5)
 
@@ -46,7 +46,7 @@ def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) 
     lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
     monkeypatch.setattr(Refiner, "_fits", lambda *_: [lost])
     mask = soft_mask(POSES[0])
-    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[0]))
+    found = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[0]), CAMERA)
     np.testing.assert_array_equal(found.poses, POSES[:1])
     assert np.isnan(found.deviations).all()
 
@@ -58,7 +58,7 @@ def test_if_edges_lead_out_of_sight_the_fit_to_the_mask_stays(
     monkeypatch.setattr(Refiner, "_on_edges", lambda *_: lost)
     mask = soft_mask(POSES[0])
     both = [
-        Refiner(SHAFT, CAMERA, edges)(grey(mask), mask, detections(POSES[0] + OFF))
+        Refiner(SHAFT, edges)(grey(mask), mask, detections(POSES[0] + OFF), CAMERA)
         for edges in (None, EDGES["edges"])
     ]
     np.testing.assert_array_equal(both[1].poses, both[0].poses)
@@ -69,7 +69,7 @@ def test_edges_of_the_image_correct_a_wrong_mask() -> None:
     true = POSES[0]
     wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
     refined = {
-        name: Refiner(SHAFT, CAMERA, edges)(grey(soft_mask(true)), wider, detections(true + OFF))
+        name: Refiner(SHAFT, edges)(grey(soft_mask(true)), wider, detections(true + OFF), CAMERA)
         for name, edges in EDGES.items()
     }
     depth_errors = {name: abs(found.poses[0, 2] - true[2]) for name, found in refined.items()}
@@ -80,8 +80,8 @@ def test_edges_of_a_finer_image_correct_a_wrong_mask() -> None:
     true = POSES[0]
     wider = soft_mask(true + [0.0, 0.0, -0.8, 0.0, 0.0])
     plain, fine = grey(np.zeros_like(wider)), grey(soft_mask(true, times=2))
-    refiner, start = Refiner(SHAFT, CAMERA, brightness_edges), detections(true + OFF)
-    coarse, finer = (refiner(plain, wider, start, image) for image in (None, fine))
+    refiner, start = Refiner(SHAFT, brightness_edges), detections(true + OFF)
+    coarse, finer = (refiner(plain, wider, start, CAMERA, image) for image in (None, fine))
     assert abs(finer.poses[0, 2] - true[2]) < 0.2 < abs(coarse.poses[0, 2] - true[2])
     assert np.all(np.abs(finer.poses[0] - true) < NEAR)
     assert np.all(finer.deviations < coarse.deviations)
@@ -89,9 +89,12 @@ def test_edges_of_a_finer_image_correct_a_wrong_mask() -> None:
 
 def test_a_fit_to_the_mask_ignores_a_finer_image() -> None:
     mask = soft_mask(POSES[0])
-    refiner, start = Refiner(SHAFT, CAMERA, None), detections(POSES[0] + OFF)
+    refiner, start = Refiner(SHAFT, None), detections(POSES[0] + OFF)
     fine = grey(soft_mask(POSES[1], times=2))
-    found, expected = refiner(grey(mask), mask, start, fine), refiner(grey(mask), mask, start)
+    found, expected = (
+        refiner(grey(mask), mask, start, CAMERA, fine),
+        refiner(grey(mask), mask, start, CAMERA),
+    )
     np.testing.assert_array_equal(found.poses, expected.poses)
 
 
@@ -99,7 +102,7 @@ def test_two_shafts_are_fitted_apart() -> None:
     poses = POSES[0], np.array([-8.0, 5.0, 22.0, 65.0, 130.0])
     mask = np.maximum(*(soft_mask(pose) for pose in poses))
     starts = detections(*(pose + OFF for pose in poses))
-    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, starts)
+    found = Refiner(SHAFT, None)(grey(mask), mask, starts, CAMERA)
     assert np.all(np.abs(found.poses - poses) < 2.5 * NEAR)
 
 
@@ -107,21 +110,21 @@ def test_a_smaller_mask_covers_the_same_view() -> None:
     mask = soft_mask(POSES[0])
     half = mask[:298, :298].reshape(149, 2, 149, 2).mean(axis=(1, 3))
     rgb = grey(mask)[:298, :298]
-    found = Refiner(SHAFT, CAMERA, None)(rgb, half, detections(POSES[0] + OFF))
+    found = Refiner(SHAFT, None)(rgb, half, detections(POSES[0] + OFF), CAMERA)
     assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.5, 2.0, 0.5])
 
 
 def test_a_hidden_part_has_no_say() -> None:
     mask, rgb = soft_mask(POSES[0]), grey(soft_mask(POSES[0]))
     mask[150:175] = 0.0  # across the shaft
-    found = Refiner(SHAFT, CAMERA, None)(rgb, mask, detections(POSES[0] + 0.5 * OFF))
+    found = Refiner(SHAFT, None)(rgb, mask, detections(POSES[0] + 0.5 * OFF), CAMERA)
     assert np.all(np.abs(found.poses[0] - POSES[0]) < [0.1, 0.1, 0.4, 1.5, 0.5])
 
 
 def test_a_detection_without_edges_stays_as_it_is() -> None:
     start = detections(POSES[0], np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
     empty = np.zeros((299, 299), np.float32)
-    found = Refiner(SHAFT, CAMERA, brightness_edges)(grey(empty), empty, start)
+    found = Refiner(SHAFT, brightness_edges)(grey(empty), empty, start, CAMERA)
     assert np.array_equal(found.poses, start.poses, equal_nan=True)
     assert np.array_equal(found.boxes, start.boxes)
 
@@ -129,13 +132,13 @@ def test_a_detection_without_edges_stays_as_it_is() -> None:
 def test_an_image_without_detections() -> None:
     empty = np.zeros((299, 299), np.float32)
     none = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
-    assert len(Refiner(SHAFT, CAMERA, brightness_edges)(grey(empty), empty, none).scores) == 0
+    assert len(Refiner(SHAFT, brightness_edges)(grey(empty), empty, none, CAMERA).scores) == 0
 
 
 def test_fitted_poses_have_deviations() -> None:
     mask = soft_mask(POSES[0])
     start = detections(POSES[0] + OFF, np.array([0.0, 0.0, 20.0, np.nan, 0.0]))
-    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, start)
+    found = Refiner(SHAFT, None)(grey(mask), mask, start, CAMERA)
     assert np.all(found.deviations[0] > 0)
     assert np.all(found.deviations[0] < [0.5, 0.5, 2.0, 10.0, 3.0])
     assert np.isnan(found.deviations[1]).all()
@@ -144,13 +147,13 @@ def test_fitted_poses_have_deviations() -> None:
 
 def test_boxes_end_at_the_border() -> None:
     mask = soft_mask(POSES[1])
-    found = Refiner(SHAFT, CAMERA, None)(grey(mask), mask, detections(POSES[1] + 0.5 * OFF))
+    found = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[1] + 0.5 * OFF), CAMERA)
     assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 3)
 
 
 def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:
     mask, box = soft_mask(POSES[0]), np.array([[1.0, 2.0, 3.0, 4.0]])
     start = Detections(box, np.ones(1), POSES[0][None] + OFF)
-    found = Refiner(SHAFT._replace(flat_tip=False), CAMERA, None)(grey(mask), mask, start)
+    found = Refiner(SHAFT._replace(flat_tip=False), None)(grey(mask), mask, start, CAMERA)
     assert np.array_equal(found.boxes, box)
     assert np.all(np.abs(found.poses[0, 3:] - POSES[0][3:]) < 1)

@@ -47,7 +47,7 @@ def test_without_a_lens_all_cameras_are_the_pinhole(
 
 def test_the_middle_camera(settings: RenderSettings, camera: Camera) -> None:
     ranges = with_lens(settings, (-0.2, -0.1), (0.0, 0.1), 280.0)
-    expected = replace(camera, k1=pytest.approx(-0.15), k2=0.05, field_px=280.0)
+    expected = replace(camera, k1=pytest.approx(-0.15), k2=0.05, field=camera.disc(280.0))
     assert middle_camera(ranges) == expected
 
 

@@ -58,7 +58,7 @@ class Rendered:
     rgb: NDArray[np.uint8]
     camera: Camera
     shafts: list[Shaft]
-    described: dict[str, Any]
+    facts: dict[str, Any]
 
 
 def render(
@@ -77,17 +77,15 @@ def read(folder: Path) -> list[Rendered]:
     shards = ShardedDataset(folder)
     images = []
     for key in shards.keys:
-        described, known = shards.scene_description(key), zip(
+        facts, known = shards.facts(key), zip(
             shards.masks(key), shards._json(key, "gt_info.json"), shards._json(key, "gt.json"),
             strict=True,
         )  # fmt: skip
         shafts = [
             Shaft(ShaftPose(**pose), mask, info, np.reshape(gt["cam_R_m2c"], (3, 3)))
-            for pose, (mask, info, gt) in zip(described["shafts"], known, strict=True)
+            for pose, (mask, info, gt) in zip(facts["shafts"], known, strict=True)
         ]
-        images.append(
-            Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, described)
-        )
+        images.append(Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, facts))
     return images
 
 
@@ -140,7 +138,7 @@ def test_every_image_states_its_own_distortion(
     for camera in (image.camera for image in bent):
         assert distortion.k1[0] <= camera.k1 <= distortion.k1[1]
         assert distortion.k2[0] <= camera.k2 <= distortion.k2[1]
-        assert camera.field_px == 285.0
+        assert camera.field == camera.disc(285.0)
     assert len({image.camera for image in bent}) == IMAGES
 
 
@@ -200,7 +198,7 @@ def test_the_image_is_bent_like_the_mask_and_black_around_its_field(
         masks = np.any([shaft.mask for shaft in image.shafts], axis=0)
         assert not (masks & ~shown).any()
         assert not image.rgb[~shown].any()
-        background = read_rgb(files[image.described["background"]])
+        background = read_rgb(files[image.facts["background"]])
         differs = np.any(image.rgb != background, axis=-1)
         assert differs[masks].mean() > 0.9
         # The pixel filter and the interpolation reach 1.75 px to each side.
@@ -259,8 +257,8 @@ def test_jaws_are_in_the_mask_where_the_annotated_rotation_has_them(
 ) -> None:
     seen = 0
     for image in forceps:
-        assert len(image.described["rolls_deg"]) == len(image.shafts)
-        for shaft, roll in zip(image.shafts, image.described["rolls_deg"], strict=True):
+        assert len(image.facts["rolls_deg"]) == len(image.shafts)
+        for shaft, roll in zip(image.shafts, image.facts["rolls_deg"], strict=True):
             np.testing.assert_allclose(shaft.rotation, shaft.pose.rolled(roll), atol=1e-12)
             x, y, width, height = shaft.info["bbox_obj"]
             for u, v in jaw_ends(image, shaft):
@@ -275,16 +273,16 @@ def test_amodal_counts_of_a_forceps_hold_what_is_hidden(
     forceps: list[Rendered], forceps_settings: RenderSettings
 ) -> None:
     coverage = forceps_settings.scene.occluder_coverage
-    hidden = [image for image in forceps if image.described["occluders"]]
+    hidden = [image for image in forceps if image.facts["occluders"]]
     assert 0 < len(hidden) < IMAGES
     for image in forceps:
         for shaft in image.shafts:
             info = shaft.info
             assert info["px_count_visib"] == shaft.mask.sum() <= info["px_count_all"]
             assert info["visib_fract"] == pytest.approx(shaft.mask.sum() / info["px_count_all"])
-            if image.described["occluders"]:
+            if image.facts["occluders"]:
                 assert coverage[0] <= 1 - info["visib_fract"] <= coverage[1]
-    alone = [i for i in forceps if len(i.shafts) == 1 and not i.described["occluders"]]
+    alone = [i for i in forceps if len(i.shafts) == 1 and not i.facts["occluders"]]
     for image in alone:
         assert image.shafts[0].info["visib_fract"] == 1.0
 

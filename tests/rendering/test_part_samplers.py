@@ -109,7 +109,7 @@ def test_cameras_lie_within_their_ranges(
     for camera in cameras:
         assert_within(camera.k1, every.lens.distortion.k1)
         assert_within(camera.k2, every.lens.distortion.k2)
-        assert camera.field_px == 420.0
+        assert camera.field == camera.disc(420.0)
 
 
 def test_tips_are_in_the_round_field_of_view(
@@ -132,4 +132,4 @@ def test_a_roll_is_drawn_where_it_shows(
     assert min(rolls) < 90
     assert max(rolls) > 270
     assert len(set(rolls)) == len(rolls)
-    assert list(drawn[0].description()["rolls_deg"]) == list(drawn[0].rolls_deg)
+    assert list(drawn[0].facts()["rolls_deg"]) == list(drawn[0].rolls_deg)

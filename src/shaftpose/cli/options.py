@@ -69,6 +69,11 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "with poses marked as not metric)",
     )  # fmt: skip
     parser.add_argument(
+        "--crop", type=_crop, metavar="X,Y,W,H",
+        help="look at this part of all frames alone, such as one eye of a stereo film: its first "
+        "pixel, width and height; the camera is then that of the part (the whole frame)",
+    )  # fmt: skip
+    parser.add_argument(
         "--track", action="store_true",
         help="number the shafts of videos and streams, and smooth their poses",
     )  # fmt: skip
@@ -162,6 +167,14 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{number} is not above 0")
     return number
+
+
+def _crop(text: str) -> tuple[int, int, int, int]:
+    numbers = [int(number) for number in text.split(",")]
+    if len(numbers) != 4 or min(numbers[2:]) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not X,Y,W,H, four whole numbers")
+    x, y, width, height = numbers
+    return x, y, width, height
 
 
 def _workers(text: str) -> int | str:

@@ -106,8 +106,8 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
 
 def _finder_options(options: argparse.Namespace) -> FinderOptions:
     return FinderOptions(
-        options.model, options.camera, options.view_deg, options.diameter_mm, options.score,
-        options.refine, options.backend,
+        options.model, options.camera, options.view_deg, options.diameter_mm, options.crop,
+        options.score, options.refine, options.backend,
     )  # fmt: skip
 
 

@@ -20,12 +20,42 @@ _PARALLEL = 1e-9  # least component of a direction
 
 
 @dataclass(frozen=True)
+class Disc:
+    """The round picture of a scope: its centre and diameter, px."""
+
+    x: float
+    y: float
+    diameter: float
+
+    def enlarged(self, times: float) -> "Disc":
+        """The same disc in an image with `times` as many pixels a side."""
+        return Disc(times * self.x, times * self.y, times * self.diameter)
+
+    def border_px(self, pixels: Array) -> Array:
+        """Distances (...) of pixels (..., 2) from the circle, negative outside."""
+        away = np.linalg.norm(pixels - np.array([self.x, self.y]), axis=-1)
+        return np.asarray(self.diameter / 2 - away)
+
+    def span(self, starts: Array, directions: Array) -> tuple[Array, Array]:
+        """The range of s, two arrays (N,), in which lines start + s direction lie in the disc.
+
+        starts: (N, 2) px; directions: (N, 2), unit vectors. For lines that miss the disc the first
+        is the larger one.
+        """
+        offsets = starts - np.array([self.x, self.y])
+        middle = -(offsets * directions).sum(axis=1)
+        square = middle**2 + self.diameter**2 / 4 - (offsets**2).sum(axis=1)
+        half = np.where(square > 0, np.sqrt(np.maximum(square, 0.0)), -1.0)
+        return middle - half, middle + half
+
+
+@dataclass(frozen=True)
 class Camera:
-    """A camera with square pixels; `focal_px`, `cx`, `cy` and `field_px` in pixels.
+    """A camera with square pixels; `focal_px`, `cx` and `cy` in pixels.
 
     k1, k2: OpenCV's radial distortion, which moves a point at distance r f from the principal
-    point to r (1 + k1 r^2 + k2 r^4) f; a pinhole if both are 0. field_px: diameter of a circular
-    field of view around the principal point; None: the whole image is visible.
+    point to r (1 + k1 r^2 + k2 r^4) f; a pinhole if both are 0. field: what is visible of the
+    image; None: all of it.
     """
 
     width: int
@@ -35,7 +65,7 @@ class Camera:
     cy: float
     k1: float = 0.0
     k2: float = 0.0
-    field_px: float | None = None
+    field: Disc | None = None
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, view_deg: float) -> "Camera":
@@ -52,8 +82,21 @@ class Camera:
             focal_px=times * self.focal_px,
             cx=times * self.cx,
             cy=times * self.cy,
-            field_px=None if self.field_px is None else times * self.field_px,
+            field=None if self.field is None else self.field.enlarged(times),
         )
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> "Camera":
+        """The camera of a part of the image, whose first pixel is `x, y`."""
+        field = self.field
+        if field is not None:
+            field = Disc(field.x - x, field.y - y, field.diameter)
+        return replace(
+            self, width=width, height=height, cx=self.cx - x, cy=self.cy - y, field=field
+        )
+
+    def disc(self, diameter_px: float | None) -> Disc | None:
+        """A disc around the principal point; None without a diameter."""
+        return None if diameter_px is None else Disc(self.cx, self.cy, diameter_px)
 
     @property
     def matrix(self) -> Array:
@@ -74,7 +117,10 @@ class Camera:
 
     def border_px(self, pixels: Array) -> Array:
         """Distances (...) of pixels (..., 2) from the nearest border, negative outside."""
-        return np.asarray(np.minimum(pixels, [self.width, self.height] - pixels).min(axis=-1))
+        border = np.minimum(pixels, [self.width, self.height] - pixels).min(axis=-1)
+        if self.field is not None:
+            border = np.minimum(border, self.field.border_px(pixels))
+        return np.asarray(border)
 
     def lift(self, pixels: Array, depth_mm: float) -> Array:
         """x and y (..., 2) mm of pixels (..., 2) at a depth; only for a pinhole camera."""
@@ -83,12 +129,16 @@ class Camera:
     def span(self, starts: Array, directions: Array) -> tuple[Array, Array]:
         """The range of s, two arrays (N, 1), in which lines start + s direction lie in the image.
 
-        starts, directions: (N, 2) px. For lines that miss the image the first is the larger one.
+        starts: (N, 2) px; directions: (N, 2), unit vectors. For lines that miss the image or its
+        round field the first is the larger one.
         """
         corners = np.array([[[0.0, 0.0]], [[self.width, self.height]]])
         # A line parallel to a border meets it far away.
         ends = (corners - starts) / np.where(abs(directions) < _PARALLEL, _PARALLEL, directions)
         low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        if self.field is not None:
+            enters, leaves = self.field.span(starts, directions)
+            low, high = np.maximum(low, enters), np.minimum(high, leaves)
         return low[:, None], high[:, None]
 
     def rays(self, stride: int = 1) -> Array:
@@ -99,11 +149,11 @@ class Camera:
         return _rays(self, stride)
 
     def shows(self, pixels: Array) -> NDArray[np.bool_]:
-        """Whether pixels (..., 2) lie in the image, and in its circular field if it has one."""
-        size, centre = np.array([self.width, self.height]), np.array([self.cx, self.cy])
+        """Whether pixels (..., 2) lie in the image, and in its round field if it has one."""
+        size = np.array([self.width, self.height])
         inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels < size), axis=-1)
-        if self.field_px is not None:
-            inside &= np.linalg.norm(pixels - centre, axis=-1) <= self.field_px / 2
+        if self.field is not None:
+            inside &= self.field.border_px(pixels) >= 0
         return inside
 
     def _distorted(self, radius: Array) -> Array:
@@ -141,7 +191,7 @@ def _rays(camera: Camera, stride: int) -> Array:
     if camera.k1 or camera.k2:
         seen = np.hypot(x, y)
         rays[..., :2] *= _ratio(camera._undistorted(seen), seen)[..., None]
-    if camera.field_px is not None:
+    if camera.field is not None:
         rays[~camera.shows(np.stack(np.meshgrid(u, v), axis=-1)), :2] = np.nan
     rays.flags.writeable = False
     return rays

@@ -6,7 +6,7 @@ and the renderer's description of the scene. Lengths are mm, boxes px.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -34,7 +34,8 @@ _Entry = TypeVar("_Entry")
 
 @dataclass(frozen=True)
 class CameraFile:
-    """camera.json. distortion: OpenCV's k1, k2; field_px: None without a circular field of view."""
+    """camera.json. distortion: OpenCV's k1, k2; field_px: diameter of a round picture around the
+    principal point, None without one."""
 
     cam_K: _Matrix
     depth_scale: float
@@ -44,12 +45,14 @@ class CameraFile:
     @classmethod
     def of(cls, camera: Camera) -> "CameraFile":
         """The file of a camera."""
-        return cls(_flat(camera.matrix), 1.0, (camera.k1, camera.k2), camera.field_px)
+        field_px = None if camera.field is None else camera.field.diameter
+        return cls(_flat(camera.matrix), 1.0, (camera.k1, camera.k2), field_px)
 
     def camera(self, width: int, height: int) -> Camera:
         """The camera of an image of this size. Raises ValueError if the matrix is too short."""
         focal_px, _, cx, _, _, cy, *_ = self.cam_K
-        return Camera(width, height, focal_px, cx, cy, *self.distortion, self.field_px)
+        camera = Camera(width, height, focal_px, cx, cy, *self.distortion)
+        return replace(camera, field=camera.disc(self.field_px))
 
 
 @dataclass(frozen=True)

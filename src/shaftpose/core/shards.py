@@ -68,9 +68,9 @@ class ShardedDataset:
 
     def annotations(self, key: str) -> Annotations:
         """Visible boxes and poses of one image; decodes neither image nor masks."""
-        scene, infos = self.scene_description(key), self._json(key, "gt_info.json")
+        facts, infos = self.facts(key), self._json(key, "gt_info.json")
         try:
-            poses = [ShaftPose(**shaft).as_array() for shaft in scene["shafts"]]
+            poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
             boxes = [from_json(ExtentEntry, info).visible_corners for info in infos]
             both = [(*box, *pose) for box, pose in zip(boxes, poses, strict=True)]
             values = np.array(both, dtype=np.float64).reshape(-1, 9)
@@ -103,10 +103,10 @@ class ShardedDataset:
         except (TypeError, ValueError) as error:
             raise self._damaged(key, "gt_info.json", "visible share") from error
 
-    def scene_description(self, key: str) -> dict[str, Any]:
-        """The content of shaft.json: poses of the shafts, and the description of their scene."""
-        description: dict[str, Any] = self._json(key, "shaft.json")
-        return description
+    def facts(self, key: str) -> dict[str, Any]:
+        """The content of shaft.json."""
+        facts: dict[str, Any] = self._json(key, "shaft.json")
+        return facts
 
     def _json(self, key: str, suffix: str) -> Any:
         path, data = self._read(key, suffix)

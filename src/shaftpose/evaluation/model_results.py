@@ -70,10 +70,8 @@ class ModelResults:
             write_jpeg(sheet, figures["worst predictions"], quality=88)
         if (refiner := self.predictor.refiner) is not None:
             figures["errors over bounds"] = folder / "errors_over_bounds.png"
-            bounds = [
-                pose_bound(pose, refiner.shaft, refiner.camera)
-                for pose in self.images.errors.true_poses
-            ]
+            camera, true = self.predictor.camera, self.images.errors.true_poses
+            bounds = [pose_bound(pose, refiner.shaft, camera) for pose in true]
             figure = error_over_bound_figure(self.images.errors, np.reshape(bounds, (-1, 5)))
             save_figure(figure, figures["errors over bounds"])
         return figures

@@ -11,6 +11,7 @@ import onnx
 import torch
 from onnxscript import opset20
 from torch import Tensor, nn
+from torch.export import Dim
 
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
@@ -40,10 +41,10 @@ class ShaftDetector(nn.Module):
         return ("boxes", "scores", "poses", *mask)
 
     def forward(self, image: Tensor) -> tuple[Tensor, ...]:
-        """(N, 299, 299, 3) uint8 RGB -> boxes (N, K, 4), scores (N, K), poses (N, K, 5).
+        """(N, H, W, 3) uint8 RGB -> boxes (N, K, 4), scores (N, K), poses (N, K, 5).
 
         K is `limits.max_detections`. Boxes in pixels, poses in mm and deg, best score first, padded
-        with zeros. For networks that predict it, also the mask (N, h, w), see `MaskNetwork.masks`.
+        with zeros. For networks that predict it, also the mask (N, H, W), see `MaskNetwork.masks`.
         """
         outputs = self.network(normalise_images(image))
         decoded = self.network.detections(outputs, self.limits)
@@ -55,11 +56,13 @@ class ShaftDetector(nn.Module):
 def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
     """Write a detector to one file with input `image` and the detector's outputs.
 
-    The number of images stays dynamic. The detector is exported in evaluation mode, on the CPU.
+    The number of images stays dynamic, and their size if the network takes any. The detector is
+    exported in evaluation mode, on the CPU.
     """
     exported = detector.cpu().eval()
     # Two images: an example of one would fix the batch dimension to one.
     example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
+    names = ["batch", "height", "width"] if exported.network.takes_any_size else ["batch"]
     with _quiet():
         program = torch.onnx.export(
             exported,
@@ -68,7 +71,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
             opset_version=OPSET,
             input_names=["image"],
             output_names=list(exported.output_names),
-            dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
+            dynamic_shapes={"image": {number: Dim(name) for number, name in enumerate(names)}},
             custom_translation_table={NMS_OPERATOR: _onnx_nms_mask},
             verbose=False,
         )
@@ -88,7 +91,7 @@ def edge_reader_bytes(reader: nn.Module) -> bytes:
             opset_version=OPSET,
             input_names=[STRIPS],
             output_names=OUTPUTS,
-            dynamic_shapes={"strips": {0: torch.export.Dim("parts")}},
+            dynamic_shapes={"strips": {0: Dim("parts")}},
             verbose=False,
         )
     assert program is not None

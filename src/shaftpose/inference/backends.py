@@ -18,14 +18,14 @@ _THREADS = "ORT_INTRA_OP_NUM_THREADS"
 
 
 class Network(Protocol):
-    """An opened model for images (N, side_px, side_px, 3) uint8 RGB."""
+    """An opened model for images (N, H, W, 3) uint8 RGB."""
 
     outputs: list[str]
     metadata: Mapping[str, str]
 
     @property
-    def side_px(self) -> int:
-        """The side of its input images."""
+    def side_px(self) -> int | None:
+        """The side of its square images; None if it takes images of any height and width."""
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the model; returns the values of these outputs."""
@@ -68,8 +68,9 @@ class _InOnnxruntime:
         self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
 
     @property
-    def side_px(self) -> int:
-        return int(self._session.get_inputs()[0].shape[1])
+    def side_px(self) -> int | None:
+        height = self._session.get_inputs()[0].shape[1]
+        return height if isinstance(height, int) else None
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         return list(self._session.run(outputs, {"image": images}))
@@ -108,8 +109,9 @@ class _InOpenVino:
         self._compiled = openvino_core().compile_model(model, "CPU", settings)
 
     @property
-    def side_px(self) -> int:
-        return int(self._compiled.inputs[0].partial_shape[1].get_length())
+    def side_px(self) -> int | None:
+        height = self._compiled.inputs[0].partial_shape[1]
+        return int(height.get_length()) if height.is_static else None
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         with self._busy:

@@ -5,18 +5,21 @@ radial distortion in closed form. A calibration maps the rays of such a camera t
 real one, which need not be square, with all of OpenCV's distortions.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, Camera
 
 _BORDER_RAYS = 101  # on each side of a square
-_TANGENT_STEP = 1e-4
+_TANGENT_STEP = 1e-6
+_WIDEST = 2.75  # of rays in an undistorted picture, whose size grows with it: 70 deg from the axis
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 
 
@@ -72,6 +75,26 @@ class Calibration:
         )
         return np.asarray(pixels[:, 0] + 0.5, dtype=np.float64)
 
+    def undistorted(self, focal_px: float) -> Camera:
+        """The pinhole camera of this focal length that sees as much of the frame as a rectangle
+        without black parts can: what a lens bends beyond its sides is cut.
+
+        Raises InputError if the camera does not look into its own frame.
+        """
+        axes = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
+        ends = [_largest(partial(self._sees_along, axis[None]), _WIDEST) for axis in axes]
+        if min(ends) < _TANGENT_STEP:
+            raise InputError(
+                f"the camera's principal point {np.round(self.matrix[:2, 2], 1).tolist()} lies "
+                f"outside of its frames of {self.width} x {self.height} px; calibrate again"
+            )
+        border = _square_border()
+        border = np.where(border < 0, border * [ends[0], ends[2]], border * [ends[1], ends[3]])
+        left, right, up, down = _largest(partial(self._sees_along, border), 1.0) * np.array(ends)
+        # Whole pixels; the small part of one absorbs rounding.
+        width, height = (int(focal_px * size + 1e-3) for size in (left + right, up + down))
+        return Camera(width, height, focal_px, float(focal_px * left), float(focal_px * up))
+
     def places_of(self, camera: Camera, samples: int) -> Places:
         """The places of `samples` x `samples` samples in each pixel of a pinhole camera that looks
         the same way."""
@@ -91,14 +114,11 @@ class Calibration:
     def widest_view_deg(self) -> float:
         """The view angle of the widest square image that an undistorted camera, looking the same
         way, can take from the frame."""
-        along, beside = np.linspace(-1, 1, _BORDER_RAYS), np.ones(_BORDER_RAYS)
-        sides = ((along, beside), (along, -beside), (beside, along), (-beside, along))
-        border = np.concatenate([np.column_stack(side) for side in sides])
-        low, high = 0.0, _WIDEST_TANGENT
-        while high - low > _TANGENT_STEP:
-            middle = (low + high) / 2
-            low, high = (middle, high) if self._sees(middle * border) else (low, middle)
-        return float(np.degrees(2 * np.arctan(low)))
+        tangent = _largest(partial(self._sees_along, _square_border()), _WIDEST_TANGENT)
+        return float(np.degrees(2 * np.arctan(tangent)))
+
+    def _sees_along(self, rays: Array, factor: float) -> bool:
+        return self._sees(factor * rays)
 
     def _sees(self, rays: Array) -> bool:
         """Whether the rays (N, 2) all lie in the frame."""
@@ -116,3 +136,21 @@ class Calibration:
         seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self.distortion)
         folds = np.flatnonzero(~(np.diff(seen[:, 0, 0]) > 0))  # NaN, too
         return float(radii[folds[0]]) if folds.size else np.inf
+
+
+def _square_border() -> Array:
+    """Points (N, 2) on the border of the square from -1 to 1."""
+    along, beside = np.linspace(-1, 1, _BORDER_RAYS), np.ones(_BORDER_RAYS)
+    sides = ((along, beside), (along, -beside), (beside, along), (-beside, along))
+    return np.concatenate([np.column_stack(side) for side in sides])
+
+
+def _largest(holds: Callable[[float], bool], most: float) -> float:
+    """The largest number up to `most` for which a condition, which holds for small ones, holds."""
+    if holds(most):
+        return most
+    low, high = 0.0, most
+    while high - low > _TANGENT_STEP:
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shaftpose.core.geometry import Array, Camera, ShaftPose
+from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.inference.views import View
 
 AXIS_MM = 10.0  # drawn length of an axis
@@ -48,9 +48,9 @@ def axis_points(pose: ShaftPose) -> Array:
     return np.stack([tip, tip + length * axis])
 
 
-def axis_px(pose: ShaftPose, model: Camera, view: View) -> Array:
+def axis_px(pose: ShaftPose, view: View) -> Array:
     """Project `axis_points` into a frame, (2, 2) px."""
-    return view.image_px(model.project(axis_points(pose)))
+    return view.image_px(view.camera.project(axis_points(pose)))
 
 
 def box_px(box: Array, view: View, width: int, height: int) -> Array:

@@ -13,7 +13,14 @@ from shaftpose.inference.calibration_files import calibrated, stated_view
 from shaftpose.inference.model_files import DEFAULT, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.views import Views, Warn, known_camera, unknown_camera
+from shaftpose.inference.views import (
+    Crop,
+    Views,
+    Warn,
+    known_camera,
+    parts_of,
+    unknown_camera,
+)
 from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)
@@ -25,6 +32,7 @@ def load(
     camera: Path | str | None = None,
     view_deg: float | None = None,
     diameter_mm: float | None = None,
+    crop: Crop | None = None,
     score: float | None = None,
     refine: Refinement = "edges",
     backend: Backend = "onnxruntime",
@@ -35,9 +43,10 @@ def load(
 
     model: see `model_file`; None: the default bundled model. camera: OpenCV's calibration file.
     view_deg: instead of `camera`, the angle across a frame's central square, without distortion.
-    diameter_mm: of the shafts. score: least score of a detection; None: the model's own threshold.
-    refine: see `settings.choices`. backend: the program that runs the model. warn: gets a warning
-    if the camera or the shafts are unknown, and later ones about frames.
+    diameter_mm: of the shafts. crop: x, y, width, height of the part of all frames to look at, px;
+    the camera is then that of the part. score: least score of a detection; None: the model's own
+    threshold. refine: see `settings.choices`. backend: the program that runs the model. warn: gets
+    a warning if the camera or the shafts are unknown, and later ones about frames.
     Raises InputError naming the file or the option that cannot be used.
     """
     _check(camera, view_deg, diameter_mm, score)
@@ -55,6 +64,8 @@ def load(
         warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")
     least = predictor.confidence if score is None else score
     views = _views(predictor, None if camera is None else Path(camera), view_deg, warn)
+    if crop is not None:
+        views = parts_of(views, crop)
     return ShaftFinder(predictor, views, least, diameter_mm, metric=not unknown)
 
 
@@ -106,11 +117,12 @@ def _views(
     predictor: Predictor, calibration: Path | None, view_deg: float | None, warn: Warn
 ) -> Views:
     """Views of the frames of the user's camera."""
+    any_size = predictor.takes_any_size
     if calibration is not None:
-        return known_camera(calibrated(calibration), predictor.camera, warn)
+        return known_camera(calibrated(calibration), predictor.camera, any_size, warn)
     if view_deg is not None:
-        return known_camera(stated_view(view_deg), predictor.camera, warn)
-    return unknown_camera(predictor.camera)
+        return known_camera(stated_view(view_deg), predictor.camera, any_size, warn)
+    return unknown_camera(predictor.camera, any_size)
 
 
 @dataclass(frozen=True)
@@ -121,6 +133,7 @@ class FinderOptions:
     camera: Path | None
     view_deg: float | None
     diameter_mm: float | None
+    crop: Crop | None
     score: float | None
     refine: Refinement
     backend: Backend

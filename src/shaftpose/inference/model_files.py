@@ -75,7 +75,8 @@ class ModelMetadata:
 
     confidence: threshold for the network's scores. fit_confidence: threshold for the scores of
     fitted poses, which also depend on the mask; None if poses cannot be fitted. Both were chosen on
-    validation images. view_deg: of the camera; the default is the paper's. shaft_*: None for an
+    validation images. view_deg: of the camera, side_px: of the images that it was trained on; the
+    defaults are the paper's. shaft_*: None for an
     instrument from a CAD file. distorted: whether the camera had lens distortion. edge_reader: a
     second ONNX model in bytes, see `inference.learned_edges`; None for a network without one.
     """
@@ -88,6 +89,7 @@ class ModelMetadata:
     distorted: bool = False
     fit_confidence: float | None = None
     edge_reader: bytes | None = None
+    side_px: int = 299
 
     def as_text(self) -> dict[str, str]:
         """Name -> value of all that is not None; bytes in base 64."""
@@ -107,7 +109,8 @@ class ModelMetadata:
             "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm"
         )  # fmt: skip
         known = {name: float(stated[name]) for name in numbers if name in stated}
+        side_px = int(stated.get("side_px", cls.side_px))
         tip, distorted = stated.get("shaft_tip"), stated.get("distorted") == str(True)
         text = stated.get("edge_reader")
         reader = None if text is None else base64.b64decode(text, validate=True)
-        return cls(**known, shaft_tip=tip, distorted=distorted, edge_reader=reader)
+        return cls(**known, side_px=side_px, shaft_tip=tip, distorted=distorted, edge_reader=reader)

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,8 +52,13 @@ class Predictor:
 
     @property
     def side_px(self) -> int:
-        """The side of the square images that the model takes."""
-        return self._network.side_px
+        """The side of the square images that the model was trained on."""
+        return self._network.side_px or self.metadata.side_px
+
+    @property
+    def takes_any_size(self) -> bool:
+        """Whether the model takes images of any height and width."""
+        return self._network.side_px is None
 
     @property
     def confidence(self) -> float:
@@ -79,21 +85,29 @@ class Predictor:
         return Camera.from_field_of_view(self.side_px, self.side_px, self.metadata.view_deg)
 
     def __call__(
-        self, images: NDArray[np.uint8], fine: Sequence[NDArray[np.uint8] | None] | None = None
+        self,
+        images: NDArray[np.uint8],
+        fine: Sequence[NDArray[np.uint8] | None] | None = None,
+        camera: Camera | None = None,
     ) -> list[Detections]:
-        """The detections in each of the images (N, S, S, 3) uint8 RGB, best score first; S is
-        `side_px`.
+        """The detections in each of the images (N, H, W, 3) uint8 RGB, best score first.
 
-        fine: the same images in more pixels, (k S, k S, 3), or None where there are none, for the
-        fit. Raises InputError naming the file and the image if an output is NaN or infinite.
+        fine: the same images in more pixels, (k H, k W, 3), or None where there are none, for the
+        fit. camera: a pinhole camera of the model's focal length that sees the images, by default
+        one whose axis meets their centre. Raises InputError naming the file and the image if an
+        output is NaN or infinite.
         """
         boxes, scores, poses, *masks = self._network.run(self._network.outputs, images)
         found = list(self._unpadded(boxes, scores, poses))
+        if camera is not None:
+            found = [_seen_by(camera, each) for each in found]
         if self.refiner is None:
             return found
-        finer = fine or [None] * len(images)
-        inputs = zip(images, self._finite(*masks), found, finer, strict=True)
-        return [self.refiner(*each) for each in inputs]
+        if camera is None:
+            height, width = images.shape[1:3]
+            camera = Camera(width, height, self.camera.focal_px, width / 2, height / 2)
+        inputs = zip(images, self._finite(*masks), found, fine or [None] * len(images), strict=True)
+        return [self.refiner(rgb, mask, each, camera, finer) for rgb, mask, each, finer in inputs]
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The masks (N, S, S), probabilities of a shaft, of images (N, S, S, 3) uint8 RGB, from a
@@ -121,7 +135,7 @@ class Predictor:
         if diameter_mm is None or length_mm is None or self.metadata.distorted or refine == "none":
             return None
         shaft = Shaft(diameter_mm, length_mm, flat_tip=self.metadata.shaft_tip == "flat")
-        return Refiner(shaft, self.camera, self._edges() if refine == "edges" else None)
+        return Refiner(shaft, self._edges() if refine == "edges" else None)
 
     def _edges(self) -> LearnedEdges:
         reader = self.metadata.edge_reader
@@ -146,6 +160,15 @@ class Predictor:
             self(image[None])
             seconds.append(time.perf_counter() - start)
         return float(1 / np.median(seconds[3:]))
+
+
+def _seen_by(camera: Camera, found: Detections) -> Detections:
+    """Detections as a camera sees them whose axis does not meet the image's centre, as the model
+    assumes: the same tips in the image, at the same depths."""
+    aside = np.array([camera.width / 2 - camera.cx, camera.height / 2 - camera.cy])
+    poses = found.poses.copy()
+    poses[:, :2] += aside * poses[:, 2:3] / camera.focal_px
+    return replace(found, poses=poses)
 
 
 def raw_and_refined_predictors(path: Path, refine: Refinement) -> list[Predictor]:

@@ -7,6 +7,7 @@ import numpy as np
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.inference.fields import Picture, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View, Views
@@ -48,12 +49,19 @@ class ShaftFinder:
                 f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
             )
         view = self._views(width, height)
-        fine = view.fine_square(rgb) if self._predictor.fits_edges else None
-        (every,) = self._predictor(view.square(rgb)[None], [fine])
+        fine = view.fine_picture(rgb) if self._predictor.fits_edges else None
+        picture, corner = Picture(view.picture(rgb), fine, view.camera), np.zeros(2)
+        if self._predictor.takes_any_size:
+            field = visible_field(picture.rgb)
+            if field is None:  # nearly all black
+                return []
+            picture, corner = picture.within(field), np.array(field.box[:2])
+        (every,) = self._predictor(picture.rgb[None], [picture.fine], picture.camera)
         found = every.above(self._score)
+        boxes = found.boxes + np.tile(corner, 2)
         shafts = [
             self._in_frame(float(score), box_px(box, view, width, height), pose, view)
-            for score, box, pose in zip(found.scores, found.boxes, found.poses, strict=True)
+            for score, box, pose in zip(found.scores, boxes, found.poses, strict=True)
         ]
         if not isinstance(found, FittedDetections):
             return shafts
@@ -66,20 +74,22 @@ class ShaftFinder:
     def axis_px(self, pose: ShaftPose, rgb: Image) -> Array:
         """Project a pose's tip and axis into a frame (H, W, 3): (2, 2) px, see `FoundShaft`."""
         height, width = rgb.shape[:2]
-        return axis_px(pose, self._predictor.camera, self._views(width, height))
+        return axis_px(pose, self._views(width, height))
 
     def camera_matrix(self, rgb: Image) -> Array:
         """The intrinsic matrix (3, 3) of a frame (H, W, 3), without its lens distortion; from the
         model's camera if the frame's is unknown."""
-        model, (height, width) = self._predictor.camera, rgb.shape[:2]
+        height, width = rgb.shape[:2]
+        view = self._views(width, height)
+        model = view.camera
         near = np.array([model.cx, model.cy]) + _STEP_PX * np.array([[0, 0], [1, 0], [0, 1]])
-        centre, right, below = self._views(width, height).image_px(near)
+        centre, right, below = view.image_px(near)
         focal_x, focal_y = model.focal_px / _STEP_PX * (right - centre + below - centre)
         return np.array([[focal_x, 0, centre[0]], [0, focal_y, centre[1]], [0, 0, 1]])
 
     def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:
         pose = self._scaled(ShaftPose.from_array(values))
-        axis = axis_px(pose, self._predictor.camera, view)
+        axis = axis_px(pose, view)
         return FoundShaft(score, box, axis, pose, self._metric)
 
     def _scaled(self, pose: ShaftPose) -> ShaftPose:

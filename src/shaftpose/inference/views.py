@@ -1,4 +1,7 @@
-"""Views: the square image of a model within a frame, and the way back to the frame's pixels."""
+"""Views: a model's image of a frame, its camera, and the way back to the frame's pixels.
+
+The paper's networks see squares of a fixed size, networks of any size the whole frame.
+"""
 
 from collections.abc import Callable
 from functools import cached_property, lru_cache
@@ -7,28 +10,35 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, Camera
-from shaftpose.core.images import Image, centre_square
+from shaftpose.core.images import Image
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.calibration_files import FrameCamera
 
 # Samples per pixel and side of frames with more than `_ONE_SAMPLE` times the model's pixels. For
 # others, linear interpolation averages enough.
 _SAMPLES, _ONE_SAMPLE = 2, 1.5
-# The fine square has at most this many times the pixels a side: more cost time and gain little.
+# The fine picture has at most this many times the pixels a side: more cost time and gain little.
 _FINEST = 3
 _LEAST_COVERED = 0.95
 _CACHED = 4  # views, of some MB each
+_LEAST_PX, _LONGEST_ASPECT = 64, 4.0  # of frames that networks of any size see whole
 
 
 class View(Protocol):
-    """The square image of a model, S x S px, within frames of one size, W x H px."""
+    """A model's image of frames of one size, W x H px.
 
-    def square(self, rgb: Image) -> Image:
-        """The model's image (S, S, 3) of a frame (H, W, 3)."""
+    camera: the pinhole camera that sees the model's image, w x h px.
+    """
 
-    def fine_square(self, rgb: Image) -> Image | None:
-        """The same view with k = 2 or 3 times the pixels a side, (k S, k S, 3); None if the frame
+    camera: Camera
+
+    def picture(self, rgb: Image) -> Image:
+        """The model's image (h, w, 3) of a frame (H, W, 3)."""
+
+    def fine_picture(self, rgb: Image) -> Image | None:
+        """The same view with k = 2 or 3 times the pixels a side, (k h, k w, 3); None if the frame
         has less than twice the model's pixels per angle."""
 
     def image_px(self, points: Array) -> Array:
@@ -38,64 +48,144 @@ class View(Protocol):
 # The view of frames of a width and height.
 Views = Callable[[int, int], View]
 Warn = Callable[[str], None]
+# A part of a frame: `x, y, width, height` in px.
+Crop = tuple[int, int, int, int]
 
 
-class CentreSquare:
-    """The central square of a frame of an unknown camera."""
+class Scaled:
+    """A rectangle of an unknown camera's frame, scaled to the image of a model's camera.
 
-    def __init__(self, width: int, height: int, side_px: int) -> None:
-        self._side_px, side = side_px, min(width, height)
-        self._scale = side / side_px
-        # Whole pixels, as `centre_square` cuts.
-        self._corner = np.array([(width - side) // 2, (height - side) // 2])
+    corner, size: (2,) px of the frame; `x, y`.
+    """
 
-    def square(self, rgb: Image) -> Image:
-        """The central square of a frame (H, W, 3), scaled."""
-        return centre_square(rgb, self._side_px)
+    def __init__(self, corner: Array, size: Array, camera: Camera) -> None:
+        self.camera, self._corner, self._size = camera, corner, size
+        self._scale = size / [camera.width, camera.height]
 
-    def fine_square(self, rgb: Image) -> Image | None:
-        """The central square with more pixels, if the frame has them."""
-        times = _finer(self._scale)
-        return centre_square(rgb, times * self._side_px) if times > 1 else None
+    def picture(self, rgb: Image) -> Image:
+        """The rectangle, scaled."""
+        return self._scaled(rgb, 1)
+
+    def fine_picture(self, rgb: Image) -> Image | None:
+        """The rectangle with more pixels, if the frame has them."""
+        times = _finer(float(self._scale.min()))
+        return self._scaled(rgb, times) if times > 1 else None
 
     def image_px(self, points: Array) -> Array:
-        """Pixels (N, 2) of the frame from pixels (N, 2) of the square."""
+        """Pixels (N, 2) of the frame from pixels (N, 2) of the picture."""
         return np.asarray(points * self._scale + self._corner)
+
+    def _scaled(self, rgb: Image, times: int) -> Image:
+        (x, y), (width, height) = self._corner.astype(int), self._size.astype(int)
+        size = times * self.camera.width, times * self.camera.height
+        method = cv2.INTER_AREA if width > size[0] else cv2.INTER_CUBIC
+        part = rgb[y : y + height, x : x + width]
+        return np.asarray(cv2.resize(part, size, interpolation=method), np.uint8)
+
+
+def central_square(width: int, height: int, model: Camera) -> Scaled:
+    """The central square of a frame, for a model of a fixed size."""
+    side = min(width, height)
+    corner = np.array([(width - side) // 2, (height - side) // 2])  # whole pixels
+    return Scaled(corner, np.array([side, side]), model)
+
+
+def whole_frame(width: int, height: int, model: Camera) -> Scaled:
+    """The whole frame, its shorter side scaled to the training images'.
+
+    Raises InputError if the frame is too small or too long.
+    """
+    check_frame(width, height)
+    scale = model.width / min(width, height)
+    size = round(scale * width), round(scale * height)
+    camera = Camera(*size, model.focal_px, size[0] / 2, size[1] / 2)
+    return Scaled(np.zeros(2), np.array([width, height]), camera)
+
+
+def check_frame(width: int, height: int) -> None:
+    """Raise InputError if a network of any size cannot see a frame whole."""
+    if min(width, height) < _LEAST_PX:
+        raise InputError(
+            f"has {width} x {height} px; shafts need frames of at least {_LEAST_PX} px a side"
+        )
+    if max(width, height) > _LONGEST_ASPECT * min(width, height):
+        raise InputError(
+            f"has {width} x {height} px, an aspect beyond {_LONGEST_ASPECT:g}:1; name the part to "
+            "look at by --crop"
+        )
 
 
 class Resampled:
-    """A known camera's frame resampled for the model's camera: without distortion, black where the
+    """A known camera's frame resampled for a pinhole camera: without distortion, black where the
     frame ends.
 
-    covered: the share of the model's image that the frame fills.
+    covered: the share of the pinhole's image that the frame fills.
     """
 
-    def __init__(self, calibration: Calibration, model: Camera) -> None:
-        self._calibration, self._model = calibration, model
-        self._square = _Resampling(calibration, model)
-        self.covered = self._square.covered
+    def __init__(self, calibration: Calibration, camera: Camera) -> None:
+        self._calibration, self.camera = calibration, camera
+        self._whole = _Resampling(calibration, camera)
+        self.covered = self._whole.covered
 
-    def square(self, rgb: Image) -> Image:
-        """The model's image (S, S, 3) of a frame (H, W, 3)."""
-        return self._square(rgb)
+    def picture(self, rgb: Image) -> Image:
+        """The pinhole's image (h, w, 3) of a frame (H, W, 3)."""
+        return self._whole(rgb)
 
-    def fine_square(self, rgb: Image) -> Image | None:
-        """The model's image with more pixels, if the frame has them."""
+    def fine_picture(self, rgb: Image) -> Image | None:
+        """The pinhole's image with more pixels, if the frame has them."""
         return None if self._fine is None else self._fine(rgb)
 
     @cached_property  # its tables take some 30 MB, and only the fit needs them
     def _fine(self) -> "_Resampling | None":
-        times = _finer(self._calibration.focal_px / self._model.focal_px)
-        return _Resampling(self._calibration, self._model.enlarged(times)) if times > 1 else None
+        times = _finer(self._calibration.focal_px / self.camera.focal_px)
+        return _Resampling(self._calibration, self.camera.enlarged(times)) if times > 1 else None
 
     def image_px(self, points: Array) -> Array:
-        """Pixels (N, 2) of the distorted frame from pixels (N, 2) of the square."""
-        centre = np.array([self._model.cx, self._model.cy])
-        return self._calibration.image_px((points - centre) / self._model.focal_px)
+        """Pixels (N, 2) of the distorted frame from pixels (N, 2) of the pinhole's image."""
+        centre = np.array([self.camera.cx, self.camera.cy])
+        return self._calibration.image_px((points - centre) / self.camera.focal_px)
+
+
+class Part:
+    """A view of a part of frames, by `x, y, width, height` in px of the frame."""
+
+    def __init__(self, view: View, part: Crop) -> None:
+        self._view, self._part, self.camera = view, part, view.camera
+
+    def picture(self, rgb: Image) -> Image:
+        """The model's image of the part."""
+        return self._view.picture(self._cut(rgb))
+
+    def fine_picture(self, rgb: Image) -> Image | None:
+        """The same with more pixels, if the frame has them."""
+        return self._view.fine_picture(self._cut(rgb))
+
+    def image_px(self, points: Array) -> Array:
+        """Pixels (N, 2) of the whole frame from pixels (N, 2) of the model's image."""
+        return self._view.image_px(points) + np.array(self._part[:2])
+
+    def _cut(self, rgb: Image) -> Image:
+        x, y, width, height = self._part
+        return rgb[y : y + height, x : x + width]
+
+
+def parts_of(views: Views, part: Crop) -> Views:
+    """Views of the same part of all frames; they raise InputError if it is not in the frame."""
+    x, y, width, height = part
+
+    def view(frame_width: int, frame_height: int) -> View:
+        if min(x, y) < 0 or x + width > frame_width or y + height > frame_height:
+            raise InputError(
+                f"has {frame_width} x {frame_height} px, which do not hold --crop "
+                f"{','.join(map(str, part))} (x, y, width, height); name a part inside the frame"
+            )
+        return Part(views(width, height), part)
+
+    return view
 
 
 def _finer(ratio: float) -> int:
-    """The whole number k of `View.fine_square`, 1 for none.
+    """The whole number k of `View.fine_picture`, 1 for none.
 
     ratio: the frame's pixels per angle over the model's.
     """
@@ -133,20 +223,27 @@ def _shrunk(length: int, by: int) -> int:
     return max(round(length / by), 1)
 
 
-def unknown_camera(model: Camera) -> Views:
-    """Views of an unknown camera's frames: their central squares."""
-    return lambda width, height: CentreSquare(width, height, model.width)
+def unknown_camera(model: Camera, any_size: bool) -> Views:
+    """Views of an unknown camera's frames: whole ones for a network of any size, else their central
+    squares."""
+    part = whole_frame if any_size else central_square
+    return lru_cache(maxsize=_CACHED)(lambda width, height: part(width, height, model))
 
 
-def known_camera(camera: FrameCamera, model: Camera, warn: Warn) -> Views:
-    """Views of a known camera's frames, resampled for the model's camera.
+def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> Views:
+    """Views of a known camera's frames: for a network of any size as a pinhole camera with the
+    model's focal length sees them, else resampled for the model's camera.
 
-    Warns if the known camera sees clearly less than the model's.
+    Warns if the known camera sees clearly less than the model's square.
     """
 
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int) -> View:
-        resampled = Resampled(camera(width, height), model)
+        calibration = camera(width, height)
+        if any_size:
+            check_frame(width, height)
+            return Resampled(calibration, calibration.undistorted(model.focal_px))
+        resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
             warn(
                 f"frames of {width} x {height} px fill only {resampled.covered:.0%} of the view "

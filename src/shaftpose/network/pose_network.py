@@ -30,17 +30,19 @@ class DecodedOutputs(NamedTuple):
 class PoseNetwork(nn.Module, ABC):
     """A network with its loss and its decoding: images -> outputs -> loss terms or instruments.
 
-    side_px: side of the images; continuous: whether a small change of the outputs is a small change
-    of the pose; needs_instances: whether targets must have `instances`.
+    side_px: side of the training images; takes_any_size: whether other images, also rectangular
+    ones, are taken as well; continuous: whether a small change of the outputs is a small change of
+    the pose; needs_instances: whether targets must have `instances`.
     """
 
     side_px: int = IMAGE_SIDE_PX
+    takes_any_size: bool = False
     continuous: bool = True
     needs_instances: bool = False
 
     @abstractmethod
     def forward(self, images: Tensor) -> Any:
-        """(B, 3, 299, 299) in [-1, 1] -> outputs, which only the other methods interpret."""
+        """(B, 3, H, W) in [-1, 1] -> outputs, which only the other methods interpret."""
 
     @abstractmethod
     def loss_terms(self, outputs: Any, targets: Targets) -> dict[str, Tensor]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, axis_direction
+from shaftpose.core.geometry import Camera, Disc, axis_direction
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Contour(NamedTuple):
     points: (N, 2) px. normals: (N, 2), unit vectors out of the silhouette. lengths: (N,) px of
     contour that each sample stands for. motion: (N, 5), derivatives of the displacement along the
     normals by the pose, px per mm and px per deg. parts: (N,), 0 and 1 on the lines, from the tip
-    outwards, 2 on the arc.
+    outwards, 2 on the arc. field: the image's round field, if it has one.
     """
 
     points: Array
@@ -46,6 +46,7 @@ class Contour(NamedTuple):
     lengths: Array
     motion: Array
     parts: NDArray[np.intp]
+    field: Disc | None = None
 
 
 _NO_CONTOUR = Contour(
@@ -93,7 +94,7 @@ def shaft_contour(pose: Array, shaft: Shaft, camera: Camera) -> Contour:
     normals[inwards] *= -1
     by_point[inwards] *= -1
     motion = _motion(points, by_point, pose)
-    return Contour(camera.project(points), normals, lengths, motion, numbers)
+    return Contour(camera.project(points), normals, lengths, motion, numbers, camera.field)
 
 
 def _lines(starts: Array, contacts: Array, axis: Array, length_mm: float, camera: Camera) -> _Part:

@@ -23,7 +23,7 @@ def profiles(
     picture: NDArray[np.float32], contour: Contour, steps: Array
 ) -> tuple[NDArray[np.float32], Array]:
     """Profiles (N, S, ...) of a picture (H, W, ...) along the contour's normals, and whether each
-    lies inside the picture: (N,), 1 or 0.
+    lies inside the picture and its round field: (N,), 1 or 0.
 
     steps: (S,) px from the contour, positive outwards.
     """
@@ -31,6 +31,8 @@ def profiles(
     height, width = picture.shape[:2]
     ends = at[:, [0, -1]]
     inside = np.all((ends >= 0) & (ends <= [width, height]), axis=(1, 2))
+    if contour.field is not None:
+        inside &= np.all(contour.field.border_px(ends) >= 0, axis=1)
     x, y = np.moveaxis((at - 0.5).astype(np.float32), -1, 0)  # OpenCV's pixel centres: integers
     read = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(read, dtype=np.float32), inside.astype(float)

@@ -43,52 +43,56 @@ class FittedDetections(Detections):
 
 
 class Refiner:
-    """Fits poses of one kind of shaft, seen by a pinhole camera, to the mask and, if `edges` is
-    given, to the edges of the image."""
+    """Fits poses of one kind of shaft to the mask and, if `edges` is given, to the edges of the
+    image."""
 
-    def __init__(self, shaft: Shaft, camera: Camera, edges: FindEdges | None) -> None:
-        self.shaft, self.camera, self.edges = shaft, camera, edges
+    def __init__(self, shaft: Shaft, edges: FindEdges | None) -> None:
+        self.shaft, self.edges = shaft, edges
 
     def __call__(
         self,
         rgb: NDArray[np.uint8],
         mask: NDArray[np.float32],
         found: Detections,
+        camera: Camera,
         fine: NDArray[np.uint8] | None = None,
     ) -> FittedDetections:
         """Fit all detections, and the shafts that the mask shows and no detection explains
         (`initial_poses`). Of poses that show the same shaft, only the best is kept.
 
-        rgb: (H, W, 3). mask: (h, w), the probability of a shaft, with the same field of view. fine:
-        (k H, k W, 3), the same view in more pixels, whose edges are more exact. Boxes become the
-        extents of the contours; scores take the mask's support into account. A detection keeps its
-        pose and box if the fits find too few edges or lead out of sight. It also keeps its box if
-        the tip is not flat, because its contour then has only lines.
+        rgb: (H, W, 3). mask: (h, w), the probability of a shaft, with the same field of view.
+        camera: the pinhole that sees both. fine: (k H, k W, 3), the same view in more pixels, whose
+        edges are more exact. Boxes become the extents of the contours; scores take the mask's
+        support into account. A detection keeps its pose and box if the fits find too few edges or
+        lead out of sight. It also keeps its box if the tip is not flat, because its contour then
+        has only lines.
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
-        fitted = self._fitted(found, wide, pictures)
+        fitted = self._fitted(found, wide, pictures, camera)
         if self.shaft.flat_tip:
             explained = list(fitted.above(_EXPLAINS).poses)
-            starts = initial_poses_from_mask(wide, explained, self.shaft, self.camera)
+            starts = initial_poses_from_mask(wide, explained, self.shaft, camera)
             scores = np.full(len(starts), _MASK_ALONE)
-            seen = self._fitted(Detections(starts[:, :4], scores, starts), wide, pictures)
+            shown = Detections(starts[:, :4], scores, starts)
+            seen = self._fitted(shown, wide, pictures, camera)
             fitted = _joined(fitted, seen)
         order = np.argsort(-fitted.scores, kind="stable")
-        return fitted.rows(order[distinct(fitted.poses[order], self.shaft, self.camera)])
+        return fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
 
     def _fitted(
         self,
         found: Detections,
         mask: NDArray[np.float32],
         pictures: Sequence[NDArray[np.float32]],
+        camera: Camera,
     ) -> FittedDetections:
         """All detections, with fitted poses where there are enough edges, and with new scores."""
         poses, boxes = found.poses.copy(), found.boxes.copy()
         deviations = np.full_like(poses, np.nan)
         for row, start in enumerate(found.poses):
-            for fit in reversed(self._fits(start, mask, pictures)):
-                points = shaft_contour(fit.pose, self.shaft, self.camera).points
+            for fit in reversed(self._fits(start, mask, pictures, camera)):
+                points = shaft_contour(fit.pose, self.shaft, camera).points
                 if not len(points):  # the last step has led out of sight
                     continue
                 poses[row] = fit.pose
@@ -98,36 +102,42 @@ class Refiner:
                 break
         scores = np.array(
             [
-                supported(score, pose, mask, self.shaft, self.camera)
+                supported(score, pose, mask, self.shaft, camera)
                 for score, pose in zip(found.scores, poses, strict=True)
             ]
         )
         return FittedDetections(boxes, scores, poses, deviations)
 
     def _fits(
-        self, start: Array, mask: NDArray[np.float32], pictures: Sequence[NDArray[np.float32]]
+        self,
+        start: Array,
+        mask: NDArray[np.float32],
+        pictures: Sequence[NDArray[np.float32]],
+        camera: Camera,
     ) -> list[Fit]:
         """The fit to the mask, followed by a fit to the edges of each picture in turn; failed ones
         are left out. Empty if the fit to the mask fails."""
         on_mask = fit_pose(
-            start, self.shaft, self.camera, partial(mask_offsets, mask), _MASK_STAGES, _MASK_ERRORS,
+            start, self.shaft, camera, partial(mask_offsets, mask), _MASK_STAGES, _MASK_ERRORS,
             np.diag(_NETWORK_PRIOR**-2),
         )  # fmt: skip
         if on_mask is None:
             return []
         fits = [on_mask]
         for picture in pictures if self.edges is not None else ():
-            if (fit := self._on_edges(picture, fits[-1], on_mask)) is not None:
+            if (fit := self._on_edges(picture, fits[-1], on_mask, camera)) is not None:
                 fits.append(fit)
         return fits
 
-    def _on_edges(self, picture: NDArray[np.float32], start: Fit, prior: Fit) -> Fit | None:
+    def _on_edges(
+        self, picture: NDArray[np.float32], start: Fit, prior: Fit, camera: Camera
+    ) -> Fit | None:
         """The fit to the edges of a picture; the fit to the mask is the prior."""
         assert self.edges is not None
-        camera = self.camera.enlarged(picture.shape[1] // self.camera.width)
+        enlarged = camera.enlarged(picture.shape[1] // camera.width)
         return fit_pose(
-            start.pose, self.shaft, camera, partial(self.edges, picture), _EDGE_STAGES,
-            _READER_ERRORS, prior.information_in(camera), prior.pose,
+            start.pose, self.shaft, enlarged, partial(self.edges, picture), _EDGE_STAGES,
+            _READER_ERRORS, prior.information_in(enlarged), prior.pose,
         )  # fmt: skip
 
 

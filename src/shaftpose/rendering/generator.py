@@ -45,7 +45,7 @@ class SampleGenerator:
             rgb=photograph(scene, foreground, self._settings),
             instruments=instruments,
             camera=scene.camera,
-            scene_description=self._description(scene, index),
+            facts=self._facts(scene, index),
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
@@ -100,14 +100,14 @@ class SampleGenerator:
         rolls = (scene.rolls_deg[number],)
         return self._renderer.silhouettes([pose], scene.camera, rolls) == 1
 
-    def _description(self, scene: Scene, index: int) -> dict[str, object]:
+    def _facts(self, scene: Scene, index: int) -> dict[str, object]:
         background = scene.background
         return {
             "background": background.name,
             "source": self._sources[background],
             "seed": self._seed,
             "index": index,
-            **scene.description(),
+            **scene.facts(),
         }
 
 
@@ -133,7 +133,7 @@ def photograph(
         where = foreground.region.slices
         rgb[where] = composite(foreground.linear, rgb[where])
     camera = scene.camera
-    shown = None if camera.field_px is None else np.isfinite(camera.rays()[..., 0])
+    shown = None if camera.field is None else np.isfinite(camera.rays()[..., 0])
     return apply_lens(rgb, scene.lens, scene.sensor_seed, shown)
 
 

@@ -27,7 +27,7 @@ def camera_with(settings: RenderSettings, k1: float, k2: float) -> Camera:
     """The camera of the settings with the distortion `k1`, `k2`."""
     size_px = settings.camera.size_px
     plain = Camera.from_field_of_view(size_px, size_px, settings.camera.view_deg)
-    return replace(plain, k1=k1, k2=k2, field_px=settings.lens.field_px)
+    return replace(plain, k1=k1, k2=k2, field=plain.disc(settings.lens.field_px))
 
 
 def middle_camera(settings: RenderSettings) -> Camera:
@@ -52,7 +52,7 @@ def pinhole_behind(settings: RenderSettings) -> Camera:
             f"image empty at camera.view_deg = {settings.camera.view_deg:g}; raise k1 or k2, or "
             "set lens.field_px"
         )
-    plain = replace(camera_with(settings, 0.0, 0.0), field_px=None)
+    plain = replace(camera_with(settings, 0.0, 0.0), field=None)
     # From the principal point to the farthest pixel's outer edge; 1e-6 px absorbs rounding.
     reach_px = plain.focal_px * float(np.abs(rays[:, :2]).max()) + 0.5 - 1e-6
     return _with_margin(plain, max(0, ceil(reach_px - plain.width / 2)))

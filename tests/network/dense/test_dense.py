@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.dense.coding import decoded_poses, encoded_axis, lift, project
+from shaftpose.network.dense.coding import Grid, decoded_poses, encoded_axis
 from shaftpose.network.dense.decoding import decode
 from shaftpose.network.dense.loss import dense_targets
 from shaftpose.network.dense.network import DenseNetwork
@@ -21,6 +22,9 @@ from tests.network.tiny import E_LOSS, LIMITS
 
 SIDE, CELLS, DIAMETER_MM, LENGTH_MM = 299, 75, 3.0, 150.0
 CAMERA = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+GRID, FINE = (
+    Grid.over(torch.empty(SIDE, SIDE), cells, cells, CAMERA.focal_px) for cells in (CELLS, 150)
+)
 POSES = [[-6.0, 4.0, 20.0, 70.0, 130.0], [7.0, -2.0, 25.0, 80.0, 300.0]]
 
 
@@ -47,7 +51,7 @@ def targets_of(poses: list[list[float]]) -> Targets:
 
 def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
     """The mask and the maps of a network that knows the targets."""
-    truth = dense_targets(targets, CELLS, CAMERA)
+    truth = dense_targets(targets, GRID)
     known = truth.values * truth.counts
     maps = torch.cat([torch.logit(truth.heat, eps=1e-6)[:, None], known], dim=1)
     assert targets.instances is not None
@@ -57,21 +61,23 @@ def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
 
 def test_tensors_are_projected_as_by_the_camera() -> None:
     points = torch.tensor([[1.0, -2.0, 20.0], [5.0, 3.0, 11.0]])
-    aside = replace(CAMERA, cx=140.0, cy=155.0)
-    pixels = project(points, aside)
-    np.testing.assert_allclose(pixels.numpy(), aside.project(points.double().numpy()), rtol=1e-5)
-    torch.testing.assert_close(lift(pixels, points[:, 2:], aside), points)
+    camera = Camera(400, 250, 130.0, 200.0, 125.0)
+    grid = Grid.over(torch.empty(250, 400), 5, 8, camera.focal_px)
+    pixels = grid.project(points)
+    np.testing.assert_allclose(pixels.numpy(), camera.project(points.double().numpy()), rtol=1e-5)
+    torch.testing.assert_close(grid.lift(pixels, points[:, 2:]), points)
+    assert grid.cells[0, 0].tolist() == [25, 25] and grid.cells[4, 7].tolist() == [375, 225]
 
 
 def test_poses_survive_their_coding() -> None:
     poses = torch.tensor(POSES)
-    tips = project(poses[:, :3], CAMERA)
+    tips = GRID.project(poses[:, :3])
     values = torch.cat([2 * torch.log(poses[:, 2:3] / 25), encoded_axis(poses)], dim=-1)
-    torch.testing.assert_close(decoded_poses(tips, values, CAMERA), poses, rtol=1e-4, atol=1e-3)
+    torch.testing.assert_close(decoded_poses(tips, values, GRID), poses, rtol=1e-4, atol=1e-3)
 
 
 def test_targets_by_hand() -> None:
-    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), CELLS, CAMERA)
+    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), GRID)
     on_shaft = counts.all(1)
     u, v = 136.99 * -6 / 20 + 149.5, 136.99 * 4 / 20 + 149.5
     row, column = int(v / SIDE * CELLS), int(u / SIDE * CELLS)
@@ -91,9 +97,9 @@ def test_targets_by_hand() -> None:
 def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     targets = targets_of(POSES)
     assert targets.instances is not None
-    tips = project(targets.poses[..., :3], CAMERA)
+    tips = GRID.project(targets.poses[..., :3])
     shown = targets._replace(instances=targets.instances[[0, 0]], tips_px=tips)
-    truth = dense_targets(shown, CELLS, CAMERA)
+    truth = dense_targets(shown, GRID)
     assert truth.has_heat.tolist() == [True, True]
     torch.testing.assert_close(truth.heat[1], truth.heat[0])
     torch.testing.assert_close(truth.values[1, :2], truth.values[0, :2])
@@ -102,7 +108,7 @@ def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     # One unknown tip: no heat, since its place is not background, and offsets of the other alone.
     tips = tips.clone()
     tips[1, 0] = torch.nan
-    truth = dense_targets(shown._replace(tips_px=tips), CELLS, CAMERA)
+    truth = dense_targets(shown._replace(tips_px=tips), GRID)
     assert truth.has_heat.tolist() == [True, False]
     at = ((torch.arange(CELLS) + 0.5) * SIDE / CELLS).long()
     first, second = (targets.instances[0][at][:, at] == number for number in (1, 2))
@@ -115,12 +121,12 @@ def test_an_image_of_a_left_out_shaft_alone_has_no_heat() -> None:
     instances = torch.zeros(2, SIDE, SIDE, dtype=torch.uint8)
     instances[1, 0, 0] = UNKNOWN  # no cell's centre
     empty = targets._replace(valid=torch.zeros_like(targets.valid), instances=instances)
-    assert dense_targets(empty, CELLS, CAMERA).has_heat.tolist() == [True, False]
+    assert dense_targets(empty, GRID).has_heat.tolist() == [True, False]
 
 
 def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
     targets = targets_of(POSES)
-    found = decode(*perfect_outputs(targets), CAMERA, LIMITS)
+    found = decode(*perfect_outputs(targets), FINE, GRID, LIMITS)
     scores = found.scores[0]
     assert (scores > 0.5).sum() == 2
     order = found.poses[0, :2, 0].argsort()
@@ -131,10 +137,31 @@ def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
     assert not (found.scores[1] > 0.5).any()
 
 
+def test_a_wider_image_shows_the_same_shafts_about_its_own_centre() -> None:
+    mask, maps = perfect_outputs(targets_of(POSES))
+    # As much background on the left: the same shafts in an image twice as wide.
+    shifted = [
+        functional.pad(maps, (CELLS, 0), value=-14.0),
+        functional.pad(mask, (150, 0), value=-10.0),
+    ]
+    shifted[0][:, 1:, :, :CELLS] = 0
+    wide = torch.empty(SIDE, 2 * SIDE)
+    grids = [Grid.over(wide, *one.shape[-2:], CAMERA.focal_px) for one in reversed(shifted)]
+    found, narrow = (
+        decode(*outputs, LIMITS)
+        for outputs in ((*reversed(shifted), *grids), (mask, maps, FINE, GRID))
+    )
+    assert (found.scores[0] > 0.5).sum() == 2
+    depths = narrow.poses[0, :2, 2:3]
+    moved = GRID.project(narrow.poses[0, :2, :3])[:, 0] + SIDE
+    np.testing.assert_allclose(grids[1].project(found.poses[0, :2, :3])[:, 0], moved, atol=0.3)
+    np.testing.assert_allclose(found.poses[0, :2, 2:3], depths, rtol=1e-3)
+
+
 def test_fewer_places_keep_the_best() -> None:
     outputs = perfect_outputs(targets_of(POSES))
     limits = replace(LIMITS, max_detections=1)
-    assert decode(*outputs, CAMERA, limits).poses.shape == (2, 1, 5)
+    assert decode(*outputs, FINE, GRID, limits).poses.shape == (2, 1, 5)
 
 
 def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie() -> None:
@@ -142,14 +169,14 @@ def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie()
     targets = targets_of([[-1.0, 0.0, 20.0, 80.0, 180.0], [1.0, 0.0, 20.0, 80.0, 90.0]])
     mask, maps = perfect_outputs(targets)
     maps[0, 1, :, : CELLS // 2 - 10] += 9 / 50
-    found = decode(mask, maps, CAMERA, LIMITS)
+    found = decode(mask, maps, FINE, GRID, LIMITS)
     order = found.poses[0, :2, 0].argsort()
     np.testing.assert_allclose(found.boxes[0, order], targets.boxes[0] * SIDE, atol=6)
 
 
 def test_perfect_outputs_have_next_to_no_loss() -> None:
     targets = targets_of(POSES)
-    terms = E_LOSS(*perfect_outputs(targets), targets, CAMERA)
+    terms = E_LOSS(*perfect_outputs(targets), targets, GRID)
     assert terms["pose"] == 0
     assert terms["tip"] < 0.1  # next to the peak the truth is neither 0 nor 1
     assert terms["mask"] < 0.5  # half the resolution blurs the border
@@ -159,7 +186,7 @@ def test_perfect_outputs_have_next_to_no_loss() -> None:
 def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     targets = targets_of(POSES)
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
-    E_LOSS(mask + 0.1, maps + 0.1, targets, CAMERA)["loss"].backward()
+    E_LOSS(mask + 0.1, maps + 0.1, targets, GRID)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
@@ -171,7 +198,7 @@ def test_an_image_without_poses_teaches_its_mask_alone() -> None:
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
     known = targets.instances[[0, 0]]
     known[1, :, :50] = UNKNOWN
-    E_LOSS(mask, maps, targets._replace(instances=known), CAMERA)["loss"].backward()
+    E_LOSS(mask, maps, targets._replace(instances=known), GRID)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[1].any() and not maps.grad[1].any()
     assert not mask.grad[1, :, :, :24].any()  # half the resolution

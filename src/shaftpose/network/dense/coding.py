@@ -1,14 +1,15 @@
-"""Coding of tips, depths and axes in E's maps.
+"""Coding of tips, depths and axes in E's maps, for images of any size.
 
 A map's cell holds the offset from its centre to the tip of its shaft in units of
 `OFFSET_SCALE_PX` (2 values), `DEPTH_SCALE` log(depth / `DEPTH_MM`) of the tip, and the axis
 multiplied by `AXIS_SCALE` (3), a unit vector from the tip towards the handle.
 """
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
-from shaftpose.core.geometry import Camera
 from shaftpose.network.pose_network import wrap_yaw
 
 OFFSET_SCALE_PX, DEPTH_MM, DEPTH_SCALE, AXIS_SCALE = 50.0, 25.0, 2.0, (1.0, 1.0, 2.0)
@@ -26,35 +27,48 @@ def encoded_axis(poses: Tensor) -> Tensor:
     return torch.stack([x, y, -torch.cos(pitch)], dim=-1) * poses.new_tensor(AXIS_SCALE)
 
 
-def decoded_poses(tips_px: Tensor, values: Tensor, camera: Camera) -> Tensor:
+class Grid(NamedTuple):
+    """The cells of a map over an image, seen by a pinhole camera whose axis meets its centre.
+
+    focal_px: the camera's focal length. size_px: (2,) width and height of the image. cells:
+    (h, w, 2) px `x, y`, the centres of the cells.
+    """
+
+    focal_px: float
+    size_px: Tensor
+    cells: Tensor
+
+    @classmethod
+    def over(cls, image: Tensor, height: int, width: int, focal_px: float) -> "Grid":
+        """A grid of height x width cells over an image (..., H, W)."""
+        rows, columns = (
+            (torch.arange(count, device=image.device) + 0.5) * (side / count)
+            for count, side in zip((height, width), image.shape[-2:], strict=True)
+        )
+        y, x = torch.meshgrid(rows, columns, indexing="ij")
+        cells = torch.stack([x, y], dim=-1)
+        return cls(focal_px, cells[0, 0] + cells[-1, -1], cells)
+
+    def project(self, points_mm: Tensor) -> Tensor:
+        """Points (..., 3) -> (..., 2) px, as `Camera.project` for a pinhole camera."""
+        return self.focal_px * points_mm[..., :2] / points_mm[..., 2:] + self.size_px / 2
+
+    def lift(self, pixels: Tensor, depth_mm: Tensor) -> Tensor:
+        """Pixels (..., 2) at a depth (..., 1) -> points (..., 3) mm."""
+        offsets = (pixels - self.size_px / 2) / self.focal_px
+        return torch.cat([offsets * depth_mm, depth_mm], dim=-1)
+
+
+def decoded_poses(tips_px: Tensor, values: Tensor, grid: Grid) -> Tensor:
     """Tips (..., 2) with coded depth and axis (..., 4) -> poses (..., 5) mm, deg."""
-    tips_mm, axis = decoded_tips_and_axes(tips_px, values, camera)
+    tips_mm, axis = decoded_tips_and_axes(tips_px, values, grid)
     pitch = torch.rad2deg(torch.acos((-axis[..., 2:]).clamp(-1, 1)))
     yaw = torch.rad2deg(torch.atan2(axis[..., 1:2], axis[..., :1]))
     return wrap_yaw(torch.cat([tips_mm, pitch, yaw], dim=-1))
 
 
-def decoded_tips_and_axes(tips_px: Tensor, values: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
+def decoded_tips_and_axes(tips_px: Tensor, values: Tensor, grid: Grid) -> tuple[Tensor, Tensor]:
     """As `decoded_poses`, with tips (..., 3) mm and unit vectors (..., 3) towards the handles."""
     depth = DEPTH_MM * torch.exp(values[..., :1] / DEPTH_SCALE)
     axis = values[..., 1:] / values.new_tensor(AXIS_SCALE)
-    return lift(tips_px, depth, camera), axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-
-
-def project(points_mm: Tensor, camera: Camera) -> Tensor:
-    """Points (..., 3) -> (..., 2) px, as `Camera.project` for a pinhole camera."""
-    centre = points_mm.new_tensor((camera.cx, camera.cy))
-    return camera.focal_px * points_mm[..., :2] / points_mm[..., 2:] + centre
-
-
-def lift(pixels: Tensor, depth_mm: Tensor, camera: Camera) -> Tensor:
-    """Pixels (..., 2) of a pinhole camera at a depth (..., 1) -> points (..., 3) mm."""
-    centre = pixels.new_tensor((camera.cx, camera.cy))
-    return torch.cat([(pixels - centre) / camera.focal_px * depth_mm, depth_mm], dim=-1)
-
-
-def cell_centres(cells: int, side_px: int, device: torch.device) -> Tensor:
-    """(cells, cells, 2) px `x, y` of a grid over a square image."""
-    centres = (torch.arange(cells, device=device) + 0.5) * (side_px / cells)
-    y, x = torch.meshgrid(centres, centres, indexing="ij")
-    return torch.stack([x, y], dim=-1)
+    return grid.lift(tips_px, depth), axis / axis.norm(dim=-1, keepdim=True).clamp(min=1e-6)

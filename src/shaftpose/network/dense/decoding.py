@@ -4,13 +4,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from shaftpose.core.geometry import Camera
 from shaftpose.network.dense.coding import (
     OFFSET_SCALE_PX,
-    cell_centres,
+    Grid,
     decoded_poses,
     decoded_tips_and_axes,
-    project,
 )
 from shaftpose.network.pose_network import DecodedOutputs, gather_rows
 from shaftpose.settings.schema import DetectionSettings
@@ -27,23 +25,26 @@ _NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
 _ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
-def decode(mask: Tensor, maps: Tensor, camera: Camera, limits: DetectionSettings) -> DecodedOutputs:
+def decode(
+    mask: Tensor, maps: Tensor, fine: Grid, grid: Grid, limits: DetectionSettings
+) -> DecodedOutputs:
     """One instrument for each of the highest peaks of the tip heat map.
 
     Its pose is the mean over the mask's cells that vote for the peak, its box the extent of the
-    mask's pixels that belong to it. mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
+    mask's pixels that belong to it. mask: (B, 1, h, w) logits in the cells of `fine`; maps:
+    (B, 7, h, w) in the cells of `grid`.
     """
     mask, maps = mask.float(), maps.float()
-    heat, centres = maps[:, 0].sigmoid(), cell_centres(maps.shape[-1], camera.width, maps.device)
+    heat, centres = maps[:, 0].sigmoid(), grid.cells
     scores, peaks = _peaks(heat, limits.max_detections)
     tips = _refined(heat, centres, peaks)
     coarse = functional.interpolate(mask, size=maps.shape[-2:], mode="bilinear")
-    directions = _directions(coarse, maps, tips, camera)
-    belongs, far = _belonging(coarse, maps, tips, directions, scores, camera)
+    directions = _directions(coarse, maps, tips, grid)
+    belongs, far = _belonging(coarse, maps, tips, directions, scores, grid)
     weights = _weights(belongs, far, centres, tips)
-    poses = decoded_poses(tips, _means(maps, weights), camera)
-    belongs, _ = _belonging(mask, maps, tips, directions, scores, camera)
-    boxes, seen = _extents(belongs, camera)
+    poses = decoded_poses(tips, _means(maps, weights), grid)
+    belongs, _ = _belonging(mask, maps, tips, directions, scores, fine)
+    boxes, seen = _extents(belongs, fine)
     scores = scores * seen
     found = (scores > 0)[..., None]
     scores, order = scores.sort(dim=1, descending=True)
@@ -68,15 +69,15 @@ def _refined(heat: Tensor, centres: Tensor, peaks: Tensor) -> Tensor:
     return middle + shift
 
 
-def _directions(mask: Tensor, maps: Tensor, tips: Tensor, camera: Camera) -> Tensor:
+def _directions(mask: Tensor, maps: Tensor, tips: Tensor, grid: Grid) -> Tensor:
     """Unit vectors (B, K, 2) of the axes in the image, from the cells next to the tips."""
-    centres = cell_centres(maps.shape[-1], camera.width, maps.device).permute(2, 0, 1)
+    centres = grid.cells.permute(2, 0, 1)
     away = _distances(*_offsets(centres[None], tips))
     far = _distances(*_offsets(centres + OFFSET_SCALE_PX * maps[:, 1:3], tips))
     exact = (away < _NEAR_PX) & (far < _NEAR_VOTE_PX) & (mask > 0)
     weights = (exact.float() + 1e-3 * (away < _BESIDE_PX).float()).flatten(2)
-    tips_mm, axes = decoded_tips_and_axes(tips, _means(maps, weights), camera)
-    steps = project(tips_mm + axes, camera) - tips
+    tips_mm, axes = decoded_tips_and_axes(tips, _means(maps, weights), grid)
+    steps = grid.project(tips_mm + axes) - tips
     return steps / steps.norm(dim=-1, keepdim=True).clamp(min=1e-6)
 
 
@@ -87,7 +88,7 @@ def _means(maps: Tensor, weights: Tensor) -> Tensor:
 
 
 def _belonging(
-    mask: Tensor, maps: Tensor, tips: Tensor, directions: Tensor, scores: Tensor, camera: Camera
+    mask: Tensor, maps: Tensor, tips: Tensor, directions: Tensor, scores: Tensor, grid: Grid
 ) -> tuple[Tensor, Tensor]:
     """Assign the mask's pixels to tips.
 
@@ -101,7 +102,7 @@ def _belonging(
     """
     size = mask.shape[-2:]
     votes = OFFSET_SCALE_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")
-    centres = cell_centres(size[0], camera.width, mask.device).permute(2, 0, 1)
+    centres = grid.cells.permute(2, 0, 1)
     far = _distances(*_offsets(centres + votes, tips))
     limit = _VOTE_PX + _VOTE_SHARE * votes.norm(dim=1, keepdim=True)
     x, y = _offsets(centres[None], tips)
@@ -130,15 +131,14 @@ def _weights(belongs: Tensor, far: Tensor, centres: Tensor, tips: Tensor) -> Ten
     return ((belongs & (far < _VOTE_PX)).float() + 1e-3 * beside.float()).flatten(2)
 
 
-def _extents(belongs: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
+def _extents(belongs: Tensor, grid: Grid) -> tuple[Tensor, Tensor]:
     """Extents (B, K, 4) px of the pixels (B, K, h, w), and (B, K) 1 if there are any, else 0."""
-    side = belongs.shape[-1]
-    at, half = cell_centres(side, camera.width, belongs.device)[0, :, 0], camera.width / side / 2
+    half = grid.cells[0, 0]  # the first cell's centre is half a cell from the image's corner
     ends = []
-    for across in (2, 3):  # over rows for x, over columns for y
-        occupied = belongs.any(dim=across)
-        low = torch.where(occupied, at, float("inf")).amin(-1) - half
-        high = torch.where(occupied, at, float("-inf")).amax(-1) + half
+    for axis, centres in enumerate((grid.cells[0, :, 0], grid.cells[:, 0, 1])):
+        occupied = belongs.any(dim=2 + axis)  # over rows for x, over columns for y
+        low = torch.where(occupied, centres, float("inf")).amin(-1) - half[axis]
+        high = torch.where(occupied, centres, float("-inf")).amax(-1) + half[axis]
         ends.append((low, high))
     (x0, x1), (y0, y1) = ends
     return torch.stack([x0, y0, x1, y1], dim=-1), belongs.any(dim=3).any(dim=2).float()

@@ -8,15 +8,13 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor
 from torch.nn import functional
 
-from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.coding import (
     OFFSET_SCALE_PX,
-    cell_centres,
+    Grid,
     encoded_axis,
     encoded_depth,
-    project,
 )
 from shaftpose.network.pose_network import gather_rows
 from shaftpose.settings.schema import Positive
@@ -36,13 +34,13 @@ class DenseLoss:
     smooth: Positive
 
     def __call__(
-        self, mask: Tensor, maps: Tensor, targets: Targets, camera: Camera
+        self, mask: Tensor, maps: Tensor, targets: Targets, grid: Grid
     ) -> dict[str, Tensor]:
         """`loss` = `mask` + `tip` + `pose`, scalars in float32.
 
-        mask: (B, 1, h, w) logits; maps: (B, 7, cells, cells).
+        mask: (B, 1, h, w) logits; maps: (B, 7, h, w) in the cells of `grid`.
         """
-        truth = dense_targets(targets, maps.shape[-1], camera)
+        truth = dense_targets(targets, grid)
         assert targets.instances is not None
         terms = {
             "mask": self.mask_loss(mask.float(), targets.instances),
@@ -95,8 +93,8 @@ class DenseLoss:
 class DenseTargets(NamedTuple):
     """Targets of E's maps, cell by cell.
 
-    heat: (B, cells, cells) in [0, 1]; has_heat: (B,) bool, whether all tips of the image are known;
-    values: (B, 6, cells, cells), see `coding`; counts: the same shape, bool, where they are known.
+    heat: (B, h, w) in [0, 1]; has_heat: (B,) bool, whether all tips of the image are known; values:
+    (B, 6, h, w), see `coding`; counts: the same shape, bool, where they are known.
     """
 
     heat: Tensor
@@ -105,21 +103,24 @@ class DenseTargets(NamedTuple):
     counts: Tensor
 
 
-def dense_targets(targets: Targets, cells: int, camera: Camera) -> DenseTargets:
-    """The targets of a batch. Images without poses have heat and offsets where tips are known."""
+def dense_targets(targets: Targets, grid: Grid) -> DenseTargets:
+    """The targets of a batch in the cells (h, w) of a grid.
+
+    Images without poses have heat and offsets where tips are known.
+    """
     assert targets.instances is not None, "this network needs instance masks for training"
-    centres = cell_centres(cells, camera.width, targets.poses.device)
+    centres = grid.cells
     has_pose = targets.valid & targets.has_pose[:, None]
     poses = torch.where(has_pose[..., None], targets.poses, torch.ones_like(targets.poses))
-    tips, has_tip = _tips(targets, poses, has_pose, camera)
+    tips, has_tip = _tips(targets, poses, has_pose, grid)
     rows = torch.cat([tips, encoded_depth(poses[..., 2:3]), encoded_axis(poses)], dim=-1)
     known = torch.cat(
         [has_tip[..., None].expand(-1, -1, 2), has_pose[..., None].expand(-1, -1, 4)], dim=-1
     )
-    shaft = _coarse(targets.instances, cells) - 1
+    shaft = _coarse(targets.instances, grid) - 1
     on_shaft = (shaft >= 0) & (shaft < rows.shape[1])  # else background or unknown
     shaft = torch.where(on_shaft, shaft, 0).flatten(1)
-    values, counts = (gather_rows(r, shaft).unflatten(1, (cells, cells)) for r in (rows, known))
+    values, counts = (gather_rows(r, shaft).unflatten(1, centres.shape[:2]) for r in (rows, known))
     offsets = (values[..., :2] - centres) / OFFSET_SCALE_PX
     values = torch.cat([offsets, values[..., 2:]], dim=-1)
     # A left-out shaft may have its tip in an image without other shafts.
@@ -132,11 +133,9 @@ def dense_targets(targets: Targets, cells: int, camera: Camera) -> DenseTargets:
     )
 
 
-def _tips(
-    targets: Targets, poses: Tensor, has_pose: Tensor, camera: Camera
-) -> tuple[Tensor, Tensor]:
+def _tips(targets: Targets, poses: Tensor, has_pose: Tensor, grid: Grid) -> tuple[Tensor, Tensor]:
     """Tips (B, G, 2) px, from poses where there are any, and whether they are known (B, G)."""
-    tips = project(poses[..., :3], camera)
+    tips = grid.project(poses[..., :3])
     if targets.tips_px is None:
         return tips, has_pose
     annotated = targets.valid & ~has_pose & targets.tips_px.isfinite().all(-1)
@@ -144,14 +143,13 @@ def _tips(
 
 
 def _heat(tips: Tensor, has_tip: Tensor, centres: Tensor) -> Tensor:
-    """The largest of the Gaussians around known tips (B, G, 2) px, (B, cells, cells)."""
+    """The largest of the Gaussians around known tips (B, G, 2) px, (B, h, w)."""
     distance = (centres[None, None] - tips[:, :, None, None]).square().sum(-1)
     heat = torch.exp(-distance / (2 * _HEAT_PX**2)) * has_tip[..., None, None]
     return heat.amax(1)
 
 
-def _coarse(instances: Tensor, cells: int) -> Tensor:
-    """The number of the shaft at the centre of each cell, (B, cells, cells), from 1; 0 for none."""
-    side = instances.shape[-1]
-    at = ((torch.arange(cells, device=instances.device) + 0.5) * side / cells).long()
-    return instances[:, at][:, :, at].long()
+def _coarse(instances: Tensor, grid: Grid) -> Tensor:
+    """The number of the shaft at the centre of each cell, (B, h, w), from 1; 0 for none."""
+    x, y = grid.cells.long().unbind(-1)
+    return instances[:, y, x].long()

@@ -16,6 +16,7 @@ from torch.nn import functional
 
 from shaftpose.core.geometry import Camera
 from shaftpose.dataset.batches import Targets
+from shaftpose.network.dense.coding import Grid
 from shaftpose.network.dense.decoding import decode
 from shaftpose.network.dense.edge_reader import EdgeReader, edge_samples
 from shaftpose.network.dense.layers import Residual, conv_norm_relu
@@ -35,8 +36,9 @@ _RARE = -4.0  # initial logit of a tip
 
 
 class DenseOutputs(NamedTuple):
-    """mask: (B, 1, 150, 150) logits; maps: (B, 7, 75, 75), the tip's logit and the values of
-    `coding`; images: (B, 3, 299, 299), the input, from which the edge reader learns."""
+    """mask: (B, 1, h, w) logits, at half the images' resolution; maps: (B, 7, h, w), at a quarter,
+    the tip's logit and the values of `coding`; images: (B, 3, H, W), the input, from which the edge
+    reader learns."""
 
     mask: Tensor
     maps: Tensor
@@ -51,6 +53,7 @@ class DenseNetwork(MaskNetwork):
     """
 
     needs_instances = True
+    takes_any_size = True
 
     def __init__(
         self, channels: Sequence[int], camera: Camera, shaft: Shaft | None, loss: DenseLoss
@@ -75,7 +78,7 @@ class DenseNetwork(MaskNetwork):
         nn.init.constant_(bias[:1], _RARE)
 
     def forward(self, images: Tensor) -> DenseOutputs:
-        """(B, 3, 299, 299) in [-1, 1] -> mask and maps."""
+        """(B, 3, H, W) in [-1, 1] -> mask and maps."""
         levels, x = [], images
         for stage in self.down:
             x = stage(x)
@@ -91,7 +94,7 @@ class DenseNetwork(MaskNetwork):
 
     def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
         """The loss and its mask, tip, pose and edge terms."""
-        terms = self.loss(outputs.mask, outputs.maps, targets, self.camera)
+        terms = self.loss(outputs.mask, outputs.maps, targets, self._grid(outputs, outputs.maps))
         if self.edges is None or self.shaft is None:
             return terms
         samples = edge_samples(outputs.images, targets, self.shaft, self.camera)
@@ -100,20 +103,28 @@ class DenseNetwork(MaskNetwork):
 
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
         """One instrument for each peak of the tip heat map."""
-        return decode(outputs.mask, outputs.maps, self.camera, limits)
+        fine, grid = self._grid(outputs, outputs.mask), self._grid(outputs, outputs.maps)
+        return decode(outputs.mask, outputs.maps, fine, grid, limits)
+
+    def _grid(self, outputs: DenseOutputs, values: Tensor) -> Grid:
+        """The grid of values (B, C, h, w) over the images.
+
+        Its camera has the focal length of the training images' camera, whatever the images' size.
+        """
+        return Grid.over(outputs.images, values.shape[-2], values.shape[-1], self.camera.focal_px)
 
     def edge_reader(self) -> EdgeReader | None:
         """The edge reader, unless the outline of the shaft is not known."""
         return self.edges
 
     def masks(self, outputs: DenseOutputs) -> Tensor:
-        """Probabilities of a shaft, (B, 299, 299).
+        """Probabilities of a shaft, (B, H, W).
 
         As in the loss, logits are enlarged, not probabilities: an edge between two cells is where
         the interpolated logit is 0.
         """
-        side = self.camera.width
-        wide = functional.interpolate(outputs.mask.float(), size=(side, side), mode="bilinear")
+        size = outputs.images.shape[-2:]
+        wide = functional.interpolate(outputs.mask.float(), size=size, mode="bilinear")
         return wide.sigmoid()[:, 0]
 
 
