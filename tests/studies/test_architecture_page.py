@@ -11,15 +11,16 @@ import yaml
 
 from shaftpose.core.errors import InputError
 from studies import architecture_tables
+from tests.test_architecture import FOLDERS
 
 ROOT = Path(__file__).parents[2]
 
 PAGE = (ROOT / "docs/architecture.md").read_text()
-# `module.Class.method` in one of `FOLDERS`.
+# `module.Class.method` in one of `PACKAGES`.
 NAMES = sorted(set(re.findall(r"`([a-z]\w*(?:\.\w+)+)`", PAGE)))
 
 
-FOLDERS = ("shaftpose.network.ssd", "shaftpose.network", "shaftpose.training", "shaftpose.core")
+PACKAGES = ("shaftpose.network.ssd", "shaftpose.network", "shaftpose.training", "shaftpose.core")
 
 
 def test_names_of_the_page_are_known() -> None:
@@ -27,9 +28,24 @@ def test_names_of_the_page_are_known() -> None:
     assert len(named) > 20
     for name in named:
         module, *attributes = name.split(".")
-        (path,) = [p for p in FOLDERS if importlib.util.find_spec(f"{p}.{module}")]
+        (path,) = [p for p in PACKAGES if importlib.util.find_spec(f"{p}.{module}")]
         found = importlib.import_module(f"{path}.{module}")
         assert reduce(getattr, attributes, found), name
+
+
+def test_folders_are_listed_below_those_that_they_import() -> None:
+    listed = re.findall(r"^\| `(\w+)/` \|", PAGE, re.MULTILINE)
+    assert set(listed) == FOLDERS.keys()
+    for place, folder in enumerate(listed):
+        assert set(FOLDERS[folder]) <= set(listed[:place]), folder
+
+
+def test_what_one_may_change_is_where_the_page_says() -> None:
+    rows = re.findall(r"\| `([\w/]+\.py)` \| `(\w+)` \|$", PAGE, re.MULTILINE)
+    assert len(rows) > 15
+    for path, name in rows:
+        code = (ROOT / "src/shaftpose" / path).read_text()
+        assert re.search(rf"^(class |def |){name}\b", code, re.MULTILINE), (path, name)
 
 
 def test_tables_are_those_of_the_code() -> None:
