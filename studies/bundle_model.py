@@ -81,7 +81,7 @@ def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice:
         print(comparison)
         refuse_another(folder, result, comparison.exported)
         write_frames(frames, shards, keys, exported)
-        procedural = str(shards.facts(keys[0])["source"]).startswith("tissue-")
+        procedural = str(shards.scene_description(keys[0])["source"]).startswith("tissue-")
         if (worse := complaints(stored, frames)) or not comparison.holds:
             what = "; ".join([str(comparison), *worse])
             raise InputError(f"{folder}/model.onnx: loses too much in 16 bits: {what}")

@@ -126,11 +126,11 @@ def test_the_plain_script_renders_the_scenes_of_our_images(
     command = [sys.executable, "-m", "shaftpose.farm.blender_process", str(shard.path), "0", count]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.wait()
-    facts = map(ShardedDataset(tmp_path).facts, map(sample_key, range(IMAGES)))
-    for scene, known in zip(scenes, facts, strict=True):
+    described = map(ShardedDataset(tmp_path).scene_description, map(sample_key, range(IMAGES)))
+    for scene, known in zip(scenes, described, strict=True):
         assert [vars(shaft) for shaft in scene.shafts] == known["shafts"]
         assert scene.background.name == known["background"]
-        assert json.loads(json.dumps(scene.facts())).items() <= known.items()
+        assert json.loads(json.dumps(scene.description())).items() <= known.items()
     sampler = SceneSampler(rendered.settings, tuple(rendered.backgrounds), rendered.seed)
     drawn_first = [next(sampler.candidates(index)) for index in range(IMAGES)]
     assert any(a.shafts != b.shafts for a, b in zip(scenes, drawn_first, strict=True))

@@ -56,7 +56,7 @@ def sample(
     masks: Sequence[NDArray[np.bool_]] | None = None,
     look: int | None = None,
     camera: Camera = CAMERA,
-    **facts: Any,
+    **described: Any,
 ) -> Sample:
     """Image `index`; masks: the shafts' silhouettes by default; look: seed of the pixels."""
     cells = np.random.default_rng(index if look is None else look).integers(
@@ -68,7 +68,7 @@ def sample(
         rgb=cells.repeat(23, axis=0).repeat(23, axis=1),
         instruments=tuple(instrument(p, m, camera) for p, m in zip(poses, shown, strict=True)),
         camera=camera,
-        facts={
+        scene_description={
             "background": f"{index % 2:06d}.jpg",
             "source": f"tissue-{index % 2}",
             "seed": SEED,
@@ -81,7 +81,7 @@ def sample(
             "occluders": [],
             "tries": 4 * max(len(poses), 1),
         }
-        | facts,
+        | described,
     )
 
 

@@ -279,7 +279,7 @@ def across(pose: ShaftPose) -> ShaftPose:
 
 
 @pytest.mark.parametrize(
-    ("facts", "option", "says"),
+    ("described", "option", "says"),
     [
         ({}, {"occluder_probability": 1.0}, "occluders = 0: scene.occluder_probability = 1"),
         ({"occluders": [{}]}, {"occluder_probability": 0.0},
@@ -290,9 +290,9 @@ def across(pose: ShaftPose) -> ShaftPose:
     ],
 )  # fmt: skip
 def test_what_is_there_though_it_never_is_or_lacks_though_it_always_is(
-    tmp_path: Path, facts: dict[str, Any], option: dict[str, float], says: str
+    tmp_path: Path, described: dict[str, Any], option: dict[str, float], says: str
 ) -> None:
-    expected = write_set(tmp_path, [[sample(0, [LEFT, across(LEFT)], **facts)]])
+    expected = write_set(tmp_path, [[sample(0, [LEFT, across(LEFT)], **described)]])
     assert says in complaint(with_scene(expected, **option))
     (name,) = option
     refuse(find_problems([expected], checked(with_scene(expected, **{name: 0.5}))))
@@ -338,12 +338,12 @@ def test_iou_of_a_mask_of_which_half_is_there(tmp_path: Path) -> None:
 def test_facts_of_an_image_by_hand(tmp_path: Path) -> None:
     write_set(tmp_path, [[sample(0, [FLAT])]])
     members = read_members(tmp_path / "shard-000000.tar")[KEY]
-    facts, problems = check_image(KEY, members, settings(), ROD, BACKGROUNDS)
+    checked, problems = check_image(KEY, members, settings(), ROD, BACKGROUNDS)
     assert not problems
-    assert facts is not None
-    assert (facts.key, facts.background, facts.source) == (KEY, "000000.jpg", "tissue-0")
-    assert (facts.tries, facts.light_strength, facts.light_kelvin) == (4, 1000.0, 5000.0)
-    (shaft,) = facts.shafts
+    assert checked is not None
+    assert (checked.key, checked.background, checked.source) == (KEY, "000000.jpg", "tissue-0")
+    assert (checked.tries, checked.light_strength, checked.light_kelvin) == (4, 1000.0, 5000.0)
+    (shaft,) = checked.shafts
     assert (shaft.x_mm, shaft.z_mm, shaft.pitch_deg) == (0.0, 20.0, 90.0)
     # From the tip at the centre, column 149, to the right edge. Height: 3 mm at 18.5 mm are 22 px.
     assert shaft.box_width_px == 150

@@ -162,10 +162,10 @@ def test_twenty_problems_are_named_and_all_counted(caplog: pytest.LogCaptureFixt
 def test_sets_are_checked_in_processes(
     sound: ExpectedSet, spoilt: ExpectedSet, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Sound sets give the facts of their images in order; one damaged set raises."""
-    facts = check_sets({"images": sound}, workers=2)
-    assert [image.key for image in facts["images"]] == ["000000000", "000000001", "000000002"]
-    assert [image.source for image in facts["images"]] == ["tissue-0", "tissue-1", "tissue-0"]
+    """Sound sets give their checked images in order; one damaged set raises."""
+    checked = check_sets({"images": sound}, workers=2)
+    assert [image.key for image in checked["images"]] == ["000000000", "000000001", "000000002"]
+    assert [image.source for image in checked["images"]] == ["tissue-0", "tissue-1", "tissue-0"]
     path = spoilt.folder / "shard-000001.tar"
     rewrite(path, edit_json("000000002.gt_info.json", lambda c: first(c, px_count_visib=7)))
     with pytest.raises(InputError) as caught:

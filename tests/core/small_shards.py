@@ -38,7 +38,7 @@ def make_sample(index: int, shafts: int = 2) -> Sample:
         rgb=cells.repeat(16, axis=0).repeat(16, axis=1),
         instruments=tuple(instruments[:shafts]),
         camera=CAMERA,
-        facts={"background": "b7", "light": 3.5, "seeds": [1, index]},
+        scene_description={"background": "b7", "light": 3.5, "seeds": [1, index]},
     )
 
 

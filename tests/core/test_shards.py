@@ -33,8 +33,8 @@ def test_a_sample_survives_writing_and_reading(tmp_path: Path) -> None:
         assert len(masks) == len(sample.instruments)
         for mask, written in zip(masks, sample.instruments, strict=True):
             np.testing.assert_array_equal(mask, written.mask)
-        facts = dataset.facts(sample.key)
-        assert {name: facts[name] for name in sample.facts} == sample.facts
+        described = dataset.scene_description(sample.key)
+        assert described == described | sample.scene_description
         rgb = dataset.rgb(sample.key)
         assert rgb.dtype == np.uint8
         # JPEG blurs the colours at the borders of the cells: compare their centres.

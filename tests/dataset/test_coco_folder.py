@@ -14,8 +14,8 @@ def test_a_stand_in_has_masks_in_its_test_images_alone(tmp_path: Path) -> None:
     rendered, out = tmp_path / "rendered", tmp_path / "out"
     for name in ("train", "clear", "occluded"):
         sample = make_sample(0)
-        facts = {**sample.facts, "occluders": name == "occluded"}
-        write_shard(rendered / name / shard_name(0), [replace(sample, facts=facts)])
+        scene = {**sample.scene_description, "occluders": name == "occluded"}
+        write_shard(rendered / name / shard_name(0), [replace(sample, scene_description=scene)])
     write_stand_in(rendered, out)
     (train,), test = read_coco(out / "train.json"), read_coco(out / "test.json")
     names = [image.path.name for image in (train, *test)]

@@ -174,11 +174,11 @@ def test_a_set_holds_all_its_images(rendered: RenderedSet, undisturbed: tuple[Pa
     dataset = ShardedDataset(out)
     assert dataset.keys == [sample_key(index) for index in range(IMAGES)]
     for index, key in enumerate(dataset.keys):
-        facts = dataset.facts(key)
-        assert facts["index"] == index
-        assert facts["seed"] == rendered.seed
-        assert facts["source"] in rendered.backgrounds.values()
-        assert len(dataset.masks(key)) == len(facts["shafts"]) >= 1
+        described = dataset.scene_description(key)
+        assert described["index"] == index
+        assert described["seed"] == rendered.seed
+        assert described["source"] in rendered.backgrounds.values()
+        assert len(dataset.masks(key)) == len(described["shafts"]) >= 1
 
 
 def test_finished_shards_are_linked_not_copied(

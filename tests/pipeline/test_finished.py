@@ -28,8 +28,8 @@ SWEEP = ("-m", "hydra.sweep.dir=sweeps/mine", "loss.alpha=0.5,2.0", *SIZES)
 def run_stage(settings: Settings) -> dict[str, Any]:
     """Run the stage in this process; return its `training.json`."""
     inspect.unwrap(stage.main)(settings)  # without Hydra
-    facts: dict[str, Any] = json.loads((settings.out / "training.json").read_text())
-    return facts
+    record: dict[str, Any] = json.loads((settings.out / "training.json").read_text())
+    return record
 
 
 @pytest.fixture

@@ -44,7 +44,10 @@ def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
     keys = {
         part: read_keys(finished / "data/split", part) for part in ("train", "validation", "test")
     }
-    sources = {part: {shards.facts(key)["source"] for key in found} for part, found in keys.items()}
+    sources = {
+        part: {shards.scene_description(key)["source"] for key in found}
+        for part, found in keys.items()
+    }
     assert len(keys["test"]) == 6
     assert len(keys["train"]) + len(keys["validation"]) == 54
     assert not sources["test"] & (sources["train"] | sources["validation"])

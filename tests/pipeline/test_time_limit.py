@@ -17,8 +17,8 @@ def test_a_training_without_time_takes_a_step_and_is_validated(
     inside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    facts = run_stage(settings_with(*SIZES, OVER_AT_ONCE, f"out={tmp_path}"))
-    assert facts["steps"] == 1 < STEPS
+    record = run_stage(settings_with(*SIZES, OVER_AT_ONCE, f"out={tmp_path}"))
+    assert record["steps"] == 1 < STEPS
     checkpoint = torch.load(tmp_path / "model.ckpt", weights_only=True)
     assert checkpoint["global_step"] == 1
     with (tmp_path / "curves.csv").open(newline="") as stream:

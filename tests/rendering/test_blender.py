@@ -81,7 +81,7 @@ def projected_rod(camera: Camera, pose: ShaftPose, settings: RenderSettings) -> 
 
 
 def is_occluded(sample: Sample) -> bool:
-    return bool(sample.facts["occluders"])
+    return bool(sample.scene_description["occluders"])
 
 
 def assert_same(a: Sample, b: Sample) -> None:
@@ -186,7 +186,7 @@ def test_background_stays_byte_equal_around_the_shafts(
 ) -> None:
     files = {path.name: path for path in backgrounds}
     for sample in (sample for sample in samples if not is_occluded(sample)):
-        background = read_rgb(files[sample.facts["background"]])
+        background = read_rgb(files[sample.scene_description["background"]])
         mask = np.any([instrument.mask for instrument in sample.instruments], axis=0)
         # The pixel filter reaches 0.75 px to each side.
         touched = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -218,7 +218,7 @@ def test_an_image_is_the_same_alone_in_a_process(
         occluded_settings,
         backgrounds=[(str(path), source) for path, source in backgrounds.items()],
         seed=SEED,
-        index=sample.facts["index"],
+        index=sample.scene_description["index"],
         quality=JPEG_QUALITY,
     )
     assert (tmp_path / "image.rgb").read_bytes() == sample.rgb.tobytes()

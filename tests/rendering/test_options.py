@@ -58,7 +58,7 @@ class Rendered:
     rgb: NDArray[np.uint8]
     camera: Camera
     shafts: list[Shaft]
-    facts: dict[str, Any]
+    described: dict[str, Any]
 
 
 def render(
@@ -77,15 +77,17 @@ def read(folder: Path) -> list[Rendered]:
     shards = ShardedDataset(folder)
     images = []
     for key in shards.keys:
-        facts, known = shards.facts(key), zip(
+        described, known = shards.scene_description(key), zip(
             shards.masks(key), shards._json(key, "gt_info.json"), shards._json(key, "gt.json"),
             strict=True,
         )  # fmt: skip
         shafts = [
             Shaft(ShaftPose(**pose), mask, info, np.reshape(gt["cam_R_m2c"], (3, 3)))
-            for pose, (mask, info, gt) in zip(facts["shafts"], known, strict=True)
+            for pose, (mask, info, gt) in zip(described["shafts"], known, strict=True)
         ]
-        images.append(Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, facts))
+        images.append(
+            Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, described)
+        )
     return images
 
 
@@ -198,7 +200,7 @@ def test_the_image_is_bent_like_the_mask_and_black_around_its_field(
         masks = np.any([shaft.mask for shaft in image.shafts], axis=0)
         assert not (masks & ~shown).any()
         assert not image.rgb[~shown].any()
-        background = read_rgb(files[image.facts["background"]])
+        background = read_rgb(files[image.described["background"]])
         differs = np.any(image.rgb != background, axis=-1)
         assert differs[masks].mean() > 0.9
         # The pixel filter and the interpolation reach 1.75 px to each side.
@@ -257,8 +259,8 @@ def test_jaws_are_in_the_mask_where_the_annotated_rotation_has_them(
 ) -> None:
     seen = 0
     for image in forceps:
-        assert len(image.facts["rolls_deg"]) == len(image.shafts)
-        for shaft, roll in zip(image.shafts, image.facts["rolls_deg"], strict=True):
+        assert len(image.described["rolls_deg"]) == len(image.shafts)
+        for shaft, roll in zip(image.shafts, image.described["rolls_deg"], strict=True):
             np.testing.assert_allclose(shaft.rotation, shaft.pose.rolled(roll), atol=1e-12)
             x, y, width, height = shaft.info["bbox_obj"]
             for u, v in jaw_ends(image, shaft):
@@ -273,16 +275,16 @@ def test_amodal_counts_of_a_forceps_hold_what_is_hidden(
     forceps: list[Rendered], forceps_settings: RenderSettings
 ) -> None:
     coverage = forceps_settings.scene.occluder_coverage
-    hidden = [image for image in forceps if image.facts["occluders"]]
+    hidden = [image for image in forceps if image.described["occluders"]]
     assert 0 < len(hidden) < IMAGES
     for image in forceps:
         for shaft in image.shafts:
             info = shaft.info
             assert info["px_count_visib"] == shaft.mask.sum() <= info["px_count_all"]
             assert info["visib_fract"] == pytest.approx(shaft.mask.sum() / info["px_count_all"])
-            if image.facts["occluders"]:
+            if image.described["occluders"]:
                 assert coverage[0] <= 1 - info["visib_fract"] <= coverage[1]
-    alone = [i for i in forceps if len(i.shafts) == 1 and not i.facts["occluders"]]
+    alone = [i for i in forceps if len(i.shafts) == 1 and not i.described["occluders"]]
     for image in alone:
         assert image.shafts[0].info["visib_fract"] == 1.0
 

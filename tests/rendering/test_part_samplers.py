@@ -132,4 +132,4 @@ def test_a_roll_is_drawn_where_it_shows(
     assert min(rolls) < 90
     assert max(rolls) > 270
     assert len(set(rolls)) == len(rolls)
-    assert list(drawn[0].facts()["rolls_deg"]) == list(drawn[0].rolls_deg)
+    assert list(drawn[0].description()["rolls_deg"]) == list(drawn[0].rolls_deg)

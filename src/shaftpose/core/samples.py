@@ -36,14 +36,14 @@ class Instrument:
 class Sample:
     """One image (H, W, 3) with its annotations.
 
-    facts: the renderer's description of the scene, for shaft.json.
+    scene_description: the renderer's description of the scene, for shaft.json.
     """
 
     key: str
     rgb: Image
     instruments: tuple[Instrument, ...]
     camera: Camera
-    facts: Mapping[str, Any]
+    scene_description: Mapping[str, Any]
 
 
 def sample_key(index: int) -> str:
@@ -60,7 +60,10 @@ def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
         "gt_info.json": [to_json(ExtentEntry.of(s.mask, s.amodal_mask)) for s in shafts],
         "mask.json": _run_lengths([shaft.amodal_mask for shaft in shafts]),
         "mask_visib.json": _run_lengths([shaft.mask for shaft in shafts]),
-        "shaft.json": {"shafts": [vars(shaft.pose) for shaft in shafts], **sample.facts},
+        "shaft.json": {
+            "shafts": [vars(shaft.pose) for shaft in shafts],
+            **sample.scene_description,
+        },
     }
     return {"rgb.jpg": encode_jpeg(sample.rgb, jpeg_quality)} | {
         suffix: json.dumps(content).encode() for suffix, content in contents.items()

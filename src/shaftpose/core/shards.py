@@ -68,9 +68,9 @@ class ShardedDataset:
 
     def annotations(self, key: str) -> Annotations:
         """Visible boxes and poses of one image; decodes neither image nor masks."""
-        facts, infos = self.facts(key), self._json(key, "gt_info.json")
+        scene, infos = self.scene_description(key), self._json(key, "gt_info.json")
         try:
-            poses = [ShaftPose(**shaft).as_array() for shaft in facts["shafts"]]
+            poses = [ShaftPose(**shaft).as_array() for shaft in scene["shafts"]]
             boxes = [from_json(ExtentEntry, info).visible_corners for info in infos]
             both = [(*box, *pose) for box, pose in zip(boxes, poses, strict=True)]
             values = np.array(both, dtype=np.float64).reshape(-1, 9)
@@ -103,10 +103,10 @@ class ShardedDataset:
         except (TypeError, ValueError) as error:
             raise self._damaged(key, "gt_info.json", "visible share") from error
 
-    def facts(self, key: str) -> dict[str, Any]:
-        """The content of shaft.json."""
-        facts: dict[str, Any] = self._json(key, "shaft.json")
-        return facts
+    def scene_description(self, key: str) -> dict[str, Any]:
+        """The content of shaft.json: poses of the shafts, and the description of their scene."""
+        description: dict[str, Any] = self._json(key, "shaft.json")
+        return description
 
     def _json(self, key: str, suffix: str) -> Any:
         path, data = self._read(key, suffix)

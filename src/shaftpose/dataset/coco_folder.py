@@ -66,6 +66,6 @@ def _squares(folder: Path) -> Iterator[tuple[str, SquareImage]]:
             boxes=known.boxes,
             masks=tuple(shards.masks(key)),
             axes=projected_axes(known.poses, shards.camera(key)),
-            occluded=bool(shards.facts(key)["occluders"]),
+            occluded=bool(shards.scene_description(key)["occluders"]),
         )
         yield f"images/{folder.name}-{key}.jpg", square

@@ -45,7 +45,7 @@ class SampleGenerator:
             rgb=photograph(scene, foreground, self._settings),
             instruments=instruments,
             camera=scene.camera,
-            facts=self._facts(scene, index),
+            scene_description=self._description(scene, index),
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
@@ -100,14 +100,14 @@ class SampleGenerator:
         rolls = (scene.rolls_deg[number],)
         return self._renderer.silhouettes([pose], scene.camera, rolls) == 1
 
-    def _facts(self, scene: Scene, index: int) -> dict[str, object]:
+    def _description(self, scene: Scene, index: int) -> dict[str, object]:
         background = scene.background
         return {
             "background": background.name,
             "source": self._sources[background],
             "seed": self._seed,
             "index": index,
-            **scene.facts(),
+            **scene.description(),
         }
 
 

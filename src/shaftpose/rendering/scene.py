@@ -104,10 +104,10 @@ class Scene:
     contact_shadow: float = 0.0
     crossing: int = 0  # number of shafts, the last ones, sampled to cross in front of another
 
-    def facts(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """Everything except poses, background and camera as plain values, for shaft.json; options
         that are off are omitted."""
-        facts: dict[str, Any] = {
+        stated: dict[str, Any] = {
             "light": _stated(self.light),
             "steels": [_stated(steel) for steel in self.steels],
             "occluders": [_stated(occluder) for occluder in self.occluders],
@@ -122,7 +122,7 @@ class Scene:
             "contact_shadow": self.contact_shadow,
             "crossing": self.crossing,
         }
-        return facts | {name: value for name, value in options.items() if value}
+        return stated | {name: value for name, value in options.items() if value}
 
 
 def _stated(part: Any) -> dict[str, Any]:
