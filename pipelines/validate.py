@@ -6,19 +6,20 @@ from pathlib import Path
 from shaftpose.checks.data_card_files import write_data_card
 from shaftpose.checks.expected_sets import expected_sets
 from shaftpose.checks.set_checks import check_sets
+from shaftpose.core.background_index import read_library
 from shaftpose.core.files import write_json
-from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.set_plans import rendered_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 
-RENDERED = Path("data/render")
+BACKGROUNDS, RENDERED = Path("data/backgrounds"), Path("data/render")
 
 
 @stage
 def main(settings: Settings) -> None:
     """Write the data card to `out`, and the source of each image's background to `results`."""
-    held_out = settings.backgrounds.held_out
-    sets = planned_sets(settings.rendering, settings.size, held_out, settings.seed)
+    library, held_out = read_library(BACKGROUNDS), settings.backgrounds.held_out
+    sets = rendered_sets(settings.rendering, settings.size, library, held_out, settings.seed)
     checked = check_sets(expected_sets(sets, RENDERED), settings.cluster.workers)
     write_data_card(checked, settings.rendering, RENDERED / "images", settings.out)
     sources = {image.key: image.source for image in checked["images"]}

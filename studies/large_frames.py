@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
+from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
@@ -25,7 +26,7 @@ from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.rendering.generator import SampleGenerator
-from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.set_plans import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import RenderSettings
@@ -88,9 +89,9 @@ def error_table(errors: Mapping[str, Errors], shafts: int) -> str:
 
 def rendered(settings: Settings, frames: int) -> Iterator[Sample]:
     """Images of the clear test set's kind, with more pixels."""
-    plan = planned_sets(
-        settings.rendering, settings.size, settings.backgrounds.held_out, settings.seed
-    )["clear"]
+    library, held_out = read_library(Path("data/backgrounds")), settings.backgrounds.held_out
+    sets = rendered_sets(settings.rendering, settings.size, library, held_out, settings.seed)
+    plan = sets["clear"]
     larger = large(plan.settings)
     side_px = larger.camera.size_px
     with TemporaryDirectory() as folder:

@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 from tqdm import tqdm
 
+from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.core.geometry import ShaftPose
@@ -19,7 +20,7 @@ from shaftpose.rendering.blender import Renderer
 from shaftpose.rendering.generator import photograph
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler
-from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.set_plans import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import Settings
@@ -84,9 +85,9 @@ def write_film(settings: Settings, frames: int, out: Path) -> None:
 
 def first_scene(settings: Settings) -> Scene:
     """A scene of the clear test set with two shafts."""
-    plan = planned_sets(
-        settings.rendering, settings.size, settings.backgrounds.held_out, settings.seed
-    )["clear"]
+    library, held_out = read_library(Path("data/backgrounds")), settings.backgrounds.held_out
+    sets = rendered_sets(settings.rendering, settings.size, library, held_out, settings.seed)
+    plan = sets["clear"]
     sampler = SceneSampler(plan.settings, tuple(plan.backgrounds), plan.seed)
     scenes = (next(sampler.candidates(index)) for index in range(100))
     found = next((scene for scene in scenes if len(scene.shafts) == len(MOTIONS)), None)

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.images import write_jpeg
 from shaftpose.figures.drawing import contact_sheet
 from shaftpose.rendering.generator import SampleGenerator
-from shaftpose.rendering.set_plans import planned_sets
+from shaftpose.rendering.set_plans import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import Settings
@@ -34,8 +35,9 @@ def main() -> None:
 
 def draw(settings: Settings, out: Path) -> None:
     """Write a contact sheet of the first images of the training set."""
-    held_out, seed = settings.backgrounds.held_out, settings.seed
-    plan = planned_sets(settings.rendering, settings.size, held_out, seed)["images"]
+    library, held_out = read_library(Path("data/backgrounds")), settings.backgrounds.held_out
+    sets = rendered_sets(settings.rendering, settings.size, library, held_out, settings.seed)
+    plan = sets["images"]
     if not all(source.startswith("tissue-") for source in plan.backgrounds.values()):
         raise InputError("data/backgrounds: holds images of others; run the pipeline with its own")
     with blender_output_hidden():

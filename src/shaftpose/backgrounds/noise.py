@@ -1,7 +1,7 @@
 """Smooth random fields, the basis of procedural tissue.
 
-All fields are (size, size) float32 with a spread of about one; `cells` is the number of noise
-cells along an image's side, so a field looks the same at every size.
+All fields are (size, size) float32 with a standard deviation of about one. `cells` is the number of
+noise cells along an image's side, so a field looks the same at every size.
 """
 
 import cv2

@@ -58,7 +58,7 @@ def make_relief(
 
 
 def melted(height: Field, bulge: Field, width: float) -> Field:
-    """Smooth maximum of the two, joined by a valley of about `width`."""
+    """Smooth maximum of two height fields, joined by a valley of about `width`."""
     gap = height - bulge
     higher: Field = (height + bulge + np.sqrt(gap**2 + np.float32(width**2))) * np.float32(0.5)
     return higher
@@ -114,8 +114,10 @@ def funnel(rng: np.random.Generator, size_px: int) -> Field:
 def bent_ellipse(
     rng: np.random.Generator, size_px: int, half_length: float, half_width: float, reach: float
 ) -> Field:
-    """Distance from a random point, at most `reach` from the image's centre along x and y, in
-    units of the ellipse's radius, distorted by noise."""
+    """Distance from the centre of a random ellipse, bent by noise; 1 on its outline.
+
+    The centre lies at most `reach` from the image's centre along x and y.
+    """
     x, y = pixel_grid(size_px)
     bend = rng.uniform(0.1, 0.35) * np.sqrt(half_width)
     x = x - np.float32(rng.uniform(-reach, reach)) + np.float32(bend) * bending(rng, size_px)

@@ -78,7 +78,8 @@ def wet_shine(
 ) -> Field:
     """Reflections (S, S) of the lamp, broken up by the ripples of a wet film; 1 saturates.
 
-    A GGX lobe about the half vector of eye and lamp; `share` of the image saturates.
+    A GGX lobe. half: directions halfway between eye and lamp, of any length; square: squared
+    distances to the lamp; share: of the image that saturates.
     """
     size_px = height.shape[0]
     cells = rng.uniform(3, 18)

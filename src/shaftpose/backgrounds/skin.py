@@ -42,7 +42,8 @@ class SkinLook:
 
 @dataclass(frozen=True)
 class Skin:
-    """colour: (S, S, 3) linear RGB in uniform light; bumps: (S, S) fine relief in image sides."""
+    """Surface of tissue: `colour` (S, S, 3), linear RGB in uniform light, and `bumps` (S, S), its
+    fine relief in image sides."""
 
     colour: Image
     bumps: Field

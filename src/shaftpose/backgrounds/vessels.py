@@ -27,7 +27,7 @@ BEND = np.hanning(11)[1:-1] / 2
 def vessel_depths(
     rng: np.random.Generator, size_px: int, grain: float, roots: tuple[int, int], widths: Range
 ) -> tuple[Field, Field]:
-    """Shallow vessels, and deep vessels, which are blurred; (S, S) each.
+    """Amounts of blood (S, S) in shallow vessels and in deep ones, which are blurred.
 
     roots, widths: ranges of the number and the width of the shallow vessels' roots.
     """

@@ -14,7 +14,7 @@ from shaftpose.core.geometry import Array, ShaftPose
 
 @dataclass(frozen=True, slots=True)
 class CheckedShaft:
-    """One shaft.
+    """The quantities of one shaft.
 
     The box is that of its visible part. lens_distance_mm: shortest distance from camera to axis;
     occluded_share: hidden share, None without an occluder; silhouette_iou: None if not compared.
@@ -36,7 +36,7 @@ class CheckedShaft:
 
 @dataclass(frozen=True, slots=True)
 class CheckedImage:
-    """One image.
+    """The quantities of one image.
 
     seed, index: the seed of its set and its number there; tries: shafts that the pose sampler drew
     for it; crossing: shafts drawn separately to pass in front of others.

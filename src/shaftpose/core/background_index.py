@@ -45,10 +45,10 @@ def read_library(folder: Path) -> list[Background]:
 def hold_out(
     backgrounds: Sequence[Background], share: float, seed: int
 ) -> tuple[list[Background], list[Background]]:
-    """Two lists that share no source image; the second has `share` of the sources, at least one.
+    """Split backgrounds into two lists without a common source image.
 
-    Raises InputError for fewer than four sources: three must remain, one each for training,
-    validation and test images.
+    The second list gets `share` of the sources, at least one. Raises InputError for fewer than four
+    sources: three must remain, one each for training, validation and test images.
     """
     sources = sorted({background.source for background in backgrounds})
     count = max(1, round(share * len(sources)))

@@ -11,8 +11,8 @@ def cylinder_depth(
 ) -> Array:
     """Depth z (h, w) in mm where the ray through a pixel's centre hits the cylinder, else infinity.
 
-    Exact intersection of each ray with the side and the two end discs. Also infinity outside the
-    field of view.
+    Intersects each ray exactly with the side and the two end discs. Outside the field of view the
+    depth is infinite, too.
     """
     rays = camera.rays(stride)
     tip, axis, radius = pose.tip_mm, pose.direction, diameter_mm / 2
@@ -29,8 +29,11 @@ def cylinder_depth(
 
 
 def _near_line(rays: Array, point: Array, axis: Array, reach: float) -> NDArray[np.bool_]:
-    """Whether rays (..., 3) from the origin pass a line within `reach`: two lines are
-    |r . (p x a)| / |r x a| apart. A parallel ray counts as near: |r x a| is 0 up to rounding."""
+    """Whether rays (..., 3) from the origin come within `reach` of the line through `point`.
+
+    Two lines are |r . (p x a)| / |r x a| apart. A parallel ray counts as near, because |r x a| is 0
+    up to rounding.
+    """
     across = np.einsum("...i,...i", rays, rays) - (rays @ axis) ** 2
     near: NDArray[np.bool_] = (rays @ np.cross(point, axis)) ** 2 <= reach**2 * across + 1e-6
     return near

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Angle = TypeVar("Angle", float, NDArray[np.float64])  # one angle, or many of any shape
 
-# From the tip to a second point of the axis: in front of the camera in every pose in view.
+# Distance from the tip to a second point of the axis, which is in front of the camera in every pose
+# in view.
 _AXIS_STEP_MM = 1.0
-_PARALLEL = 1e-9  # least component of a direction
+_PARALLEL = 1e-9  # smaller components of a direction count as this
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ class Annotations:
 
     boxes: (G, 4) float.
     poses: (G, 5) float; None if they are unknown.
-    instances: (H, W), each pixel's instrument number, from 1, 0 for background, or `UNKNOWN`; None
-    if not requested.
+    instances: (H, W), each pixel's instrument: 1, 2, ..., 0 for background, or `UNKNOWN`; None if
+    not requested.
     tips_px: (G, 2), tips of instruments without poses, NaN where unknown.
     """
 

@@ -19,7 +19,7 @@ def mask_box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 
 
 def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]]) -> float:
-    """The largest share of a mask in `others` that the mask `front` (H, W) covers; 0 if there
+    """The covered share of the mask in `others` of which `front` (H, W) covers most; 0 if there
     are no others."""
     return max(
         (int((front & other).sum()) / int(other.sum()) for other in others if other.any()),
@@ -28,7 +28,7 @@ def crossed_share(front: NDArray[np.bool_], others: Iterable[NDArray[np.bool_]])
 
 
 def is_crossed(share: float, coverage: tuple[float, float]) -> bool:
-    """Whether a shaft with this share hidden counts as crossed by `crossing_coverage`."""
+    """Whether a hidden share is above 0 and in the range `coverage` (scene.crossing_coverage)."""
     low, high = coverage
     return share > 0 and low <= share <= high
 

@@ -1,4 +1,4 @@
-"""Random streams with names."""
+"""Independent random streams of one seed, each with a name."""
 
 from collections.abc import Callable
 from zlib import crc32
@@ -9,10 +9,11 @@ Streams = Callable[[str], np.random.Generator]
 
 
 def streams(*seed: int) -> Streams:
-    """The independent random streams of one seed: name -> generator, at the stream's start.
+    """A function from a name to a generator, which depends on the seed and the name alone.
 
-    Each thing that is drawn at random has a stream of its own name. Adding or removing one thus
-    leaves the draws of all others unchanged; streams spawned by position would shift.
+    Each call starts the stream of its name from the beginning. Each random quantity has its own
+    name, so that adding or removing one draw leaves all others unchanged; streams spawned by
+    position would shift.
     """
 
     def stream(name: str) -> np.random.Generator:

@@ -20,8 +20,8 @@ class Targets(NamedTuple):
     poses: (B, G, 5) float, mm and deg.
     valid: (B, G) bool, False for padding.
     has_pose: (B,) bool, False for images without poses.
-    instances: (B, H, W) uint8, each pixel's instrument number, from 1, 0 for background, or
-    `UNKNOWN`; None if the network does not learn masks.
+    instances: (B, H, W) uint8, each pixel's instrument: 1, 2, ..., 0 for background, or `UNKNOWN`;
+    None if the network does not learn masks.
     tips_px: (B, G, 2) float, tips in images without poses, NaN where unknown; None if all are.
     """
 

@@ -75,13 +75,13 @@ def _changed(
 def random_similarity(
     rgb: Image, known: Annotations, rng: np.random.Generator
 ) -> tuple[Image, Annotations]:
-    """Scale, rotate and shift a square image (S, S, 3) without poses; the rest becomes black.
+    """Scale, rotate and shift a square image (S, S, 3) without poses; uncovered pixels are black.
 
-    A part of every instrument stays in view. No tip enters or leaves it, because one that entered
-    would lie on black. The image is returned unchanged if ten draws fail to do so, if its poses are
-    known, which would not survive a change of scale, or if it lacks an instrument map.
+    A part of every instrument stays in view. No tip enters or leaves the image: one that entered
+    would lie on black. The image is returned unchanged if ten draws fail, if it lacks an instrument
+    map, or if its poses are known, because they would be wrong at another scale.
 
-    Few images without poses are at hand, and a network would learn them by heart.
+    Images without poses are few: unchanged, a network would learn them by heart.
     """
     if known.poses is not None or known.instances is None:
         return rgb, known

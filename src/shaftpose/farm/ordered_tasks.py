@@ -23,10 +23,11 @@ def in_order(
     """Yield each task with its result of `work`, in the order of the tasks.
 
     Finished results are yielded when another task arrives, and after the last one: while `tasks`
-    blocks, they are held back.
-    A task whose worker dies is repeated. If four workers die to which it was assigned, its result
-    is None, even if they died of other tasks. Raises InputError if the connection to the scheduler
-    is lost or the scheduler cannot import a task; exceptions of `work` are passed on.
+    blocks, they wait.
+
+    A task whose worker dies is repeated. Its result is None once four workers that held it have
+    died, even of other tasks. Raises InputError if the connection to the scheduler is lost or the
+    scheduler cannot import a task; exceptions of `work` are passed on.
     """
     try:
         yield from _results(client, work, tasks)

@@ -21,8 +21,8 @@ _PRINTED_SHARE = 0.5  # of the coated shafts
 def coating_picture(
     coating: Coating, steel: Steel, diameter_mm: float, length_mm: float
 ) -> NDArray[np.float32]:
-    """(rows along the shaft from its tip, columns around it, 4): linear RGB reflectance, and the
-    share of bare metal."""
+    """Picture of a coated shaft, (rows along it from the tip, columns around it, 4): linear RGB
+    reflectance, and the share of bare metal."""
     rows, columns = (max(8, round(size * _PX_PER_MM)) for size in (length_mm, np.pi * diameter_mm))
     base = np.array(coating.rgb, dtype=np.float32)
     picture = np.zeros((rows, columns, 4), dtype=np.float32)

@@ -49,8 +49,11 @@ class SampleGenerator:
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
-        """The first acceptable draw, rendered and annotated. Most images without occluders accept
-        the first draw, because the sampler has checked visibility on a coarse grid."""
+        """The first acceptable draw, rendered and annotated.
+
+        Without occluders it is mostly the first one of all, because the sampler has checked
+        visibility on a coarse grid.
+        """
         for scene in islice(self._sampler.candidates(index), _MOST_DRAWS):
             foreground = self._renderer.render(scene)
             instruments = self._annotations(scene, foreground)
@@ -112,8 +115,10 @@ class SampleGenerator:
 
 
 def crossed_shares(instruments: Sequence[Instrument], crossing: int) -> list[float]:
-    """The largest share that each of the last `crossing` instruments hides of another one, exact
-    where the sampler uses rods on a coarse grid."""
+    """The largest share that each of the last `crossing` instruments hides of another one.
+
+    Exact: the sampler estimates it from plain rods on a coarse grid.
+    """
     first = len(instruments) - crossing
     others = [other.amodal_mask for other in instruments[:first]]
     return [crossed_share(last.mask, others) for last in instruments[first:]]

@@ -61,7 +61,7 @@ def sample_steel(rng: np.random.Generator, scene: SceneSettings) -> Steel:
 
 
 def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) -> tuple[Film, ...]:
-    """A film of blood or clear fluid for each shaft, unless the settings have none."""
+    """A film of blood or clear fluid for each shaft; empty if the settings have none."""
     if not scene.films[1]:
         return ()
     return tuple(
@@ -77,7 +77,7 @@ def sample_films(rng: np.random.Generator, shafts: int, scene: SceneSettings) ->
 def sample_coatings(
     rng: np.random.Generator, shafts: int, settings: RenderSettings
 ) -> tuple[Coating | None, ...]:
-    """A polymer coating for each shaft with the settings' probability, unless that is 0."""
+    """A coating or None for each shaft, by the settings' probability; empty if that is 0."""
     scene = settings.scene
     if not scene.coating_probability:
         return ()
@@ -105,7 +105,7 @@ def _coating(rng: np.random.Generator, scene: SceneSettings, diameter_mm: float)
 def sample_jaws(
     rng: np.random.Generator, shafts: int, settings: RenderSettings
 ) -> tuple[Jaws | None, ...]:
-    """Jaws for each shaft with the settings' probability, unless that is 0."""
+    """Jaws or None for each shaft, by the settings' probability; empty if that is 0."""
     if not settings.scene.jaws_probability:
         return ()
     drawn = [(rng.random(), _jaws(rng, settings)) for _ in range(shafts)]

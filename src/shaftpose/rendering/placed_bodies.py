@@ -20,7 +20,7 @@ from shaftpose.rendering.meshes import Mesh, lump_mesh
 from shaftpose.rendering.scene import Jaws, Occluder, Scene
 from shaftpose.rendering.shapes import Shape, jaws_mesh
 
-# Of lumps and jaws; above any number of shafts; Blender's limit is 32,767.
+# Object index of lumps and jaws: above any number of shafts, below Blender's limit of 32,767.
 UNANNOTATED_INDEX = 30_000
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 

@@ -23,7 +23,7 @@ _CROSSING_TRIES = 200
 
 
 class Refusal(Enum):
-    """Reasons to reject poses, and the settings of params.yaml that decide it."""
+    """Reasons to reject poses, each with the settings in params.yaml that cause it."""
 
     TIP = "a tip outside the image (poses.x_mm, poses.y_mm, poses.z_mm, camera.view_deg, lens)"
     LENS = "a shaft that cuts the lens (scene.lens_radius_mm, poses.z_mm, poses.pitch_deg, shaft)"
@@ -68,7 +68,7 @@ class PoseSampler:
 
     def crossing(self, rng: np.random.Generator, poses: tuple[ShaftPose, ...]) -> ShaftPose | None:
         """A further shaft that crosses in front of one of `poses` and hides the required share of
-        it, all acceptable together; None if `_CROSSING_TRIES` draws find none."""
+        it. All poses together are acceptable. None if `_CROSSING_TRIES` draws find none."""
         behind = np.stack([self._depth(pose) for pose in poses])
         for _ in range(_CROSSING_TRIES):
             pose = self._draw(rng)

@@ -5,7 +5,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
-from shaftpose.core.background_index import Background, hold_out, read_library
+from shaftpose.core.background_index import Background, hold_out
 from shaftpose.rendering.rendered_set import RenderedSet
 from shaftpose.settings.schema import RenderSettings, RunSize
 
@@ -28,23 +28,14 @@ def with_scene(settings: RenderSettings, changed: dict[str, Any]) -> RenderSetti
     return replace(settings, scene=replace(settings.scene, **changed))
 
 
-def planned_sets(
-    settings: RenderSettings, size: RunSize, held_out: float, seed: int
-) -> dict[str, RenderedSet]:
-    """`rendered_sets` on the backgrounds in data/backgrounds.
-
-    Raises InputError if the library is incomplete or has too few sources.
-    """
-    return rendered_sets(settings, size, read_library(Path("data/backgrounds")), held_out, seed)
-
-
 def rendered_sets(
     settings: RenderSettings, size: RunSize, library: list[Background], held_out: float, seed: int
 ) -> dict[str, RenderedSet]:
     """The sets by name. The user's occluder probability applies to `images`; `clear` has neither
     occluders nor crossing shafts, `occluded` has an occluder in front of each shaft.
 
-    held_out: share of the library's sources reserved for `clear` and `occluded`.
+    held_out: share of the library's sources reserved for `clear` and `occluded`. Raises InputError
+    if the library has too few sources.
     """
     kept, held = hold_out(library, held_out, seed)
     sets = {

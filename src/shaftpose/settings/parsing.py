@@ -14,7 +14,7 @@ T = TypeVar("T")
 def parse(kind: type[T], values: object, where: str) -> T:
     """Parse `values` as a `kind`.
 
-    where: what messages put before the names of keys, e.g. "params.yaml: ".
+    where: prefix of the keys' names in messages, e.g. "params.yaml: ".
     Raises InputError naming the first wrong key, its value and the allowed ones.
     """
     with first_complaint(where):

@@ -256,8 +256,8 @@ class ClusterSettings:
 class RunSize:
     """The sizes of a run: one profile of conf/profiles.yaml, which explains the keys.
 
-    The least width gives the backbone's first convolution 8 channels, the least depth each of its
-    three stages a block: see `shaftpose.network.ssd.inception_v4`.
+    At the least width, the backbone's first convolution has 8 channels; at the least depth, each of
+    its three stages has one block: see `shaftpose.network.ssd.inception_v4`.
     """
 
     sources: PositiveInt

@@ -52,8 +52,11 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
 
 
 def let_params_choose_preset(root: Path) -> None:
-    """Let `${preset:}` in conf/config.yaml be `preset` of params.yaml: Hydra composes the group of
-    this name before it knows any value. `preset=NAME` on the command line overrides it."""
+    """Make `${preset:}` in conf/config.yaml the value of `preset` in params.yaml.
+
+    A plain `${preset}` would fail: Hydra chooses the files to compose before it reads any value.
+    `preset=NAME` on the command line overrides it.
+    """
 
     def preset() -> str:
         return str(yaml.safe_load((root / "params.yaml").read_text())["preset"])

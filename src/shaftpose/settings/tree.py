@@ -70,7 +70,7 @@ class Settings:
 
     @cached_property
     def rendering(self) -> RenderSettings:
-        """Of the training images. Raises ValidationError if its parts do not go together."""
+        """Settings of the rendered images. Raises ValidationError if they do not go together."""
         return RenderSettings(
             camera=self.camera, poses=self.poses, shaft=self.shaft, scene=self.scene,
             lens=self.lens, samples=self.size.samples, **vars(self.render),
@@ -78,7 +78,7 @@ class Settings:
 
     @cached_property
     def stand_in(self) -> RenderSettings:
-        """Of the stand-in for real images."""
+        """Settings of the rendered stand-in for real images."""
         look = self.real.stand_in
         scene, lens = replace(self.scene, **vars(look.scene)), replace(self.lens, **vars(look.lens))
         return replace(self.rendering, scene=scene, lens=lens)

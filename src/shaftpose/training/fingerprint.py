@@ -18,8 +18,8 @@ from shaftpose.training.data import DataFolders
 from shaftpose.training.recipe import Recipe
 
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
-# Modules that a training runs and its weights do not depend on. Validation decodes and measures, to
-# describe them. What the readers of data yield is in the digests of the data.
+# Modules that a training runs, but that do not change its weights. Validation only decodes and
+# measures. A reader of data matters only by the data that it reads, whose digest counts.
 WITHOUT_EFFECT = tuple(
     f"shaftpose.{name}"
     for name in (

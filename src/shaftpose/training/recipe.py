@@ -36,8 +36,8 @@ _CPU_BFLOAT16 = "amx_bf16"
 class Recipe:
     """The settings of a training.
 
-    Those of network and loss are in the variant's file, which refers to others: `poses` and `loss`
-    only say what trainings have in common. `detection` is for validation.
+    `variant` already holds the settings that its network and loss read. `poses` and `loss` are here
+    only to compare trainings, `detection` only for validation.
     """
 
     seed: int

@@ -129,8 +129,8 @@ def is_finished(folder: Path) -> bool:
 def deliver(recipe: Recipe, folder: Path, out: Path) -> None:
     """Copy a result to `out`, whose files may be links into DVC's cache.
 
-    The settings that compared trainings share may have changed since, where this variant does not
-    read them.
+    Records today's `comparison_key`: settings that this variant does not read may have changed
+    since the training.
     """
     for name in (CHECKPOINT, CURVES):
         with new_file(out / name) as part:

@@ -64,7 +64,7 @@ class ShaftLoss(nn.Module):
     ) -> LossTerms:
         """The loss of a batch. defaults: (A, 4) `cx, cy, w, h`.
 
-        Everything is computed in float32, whatever precision the network ran in.
+        Computes in float32, even if the network ran in half precision.
         """
         outputs = HeadOutputs(*(output.float() for output in outputs))
         assignment = self.assign(outputs, targets, defaults)
