@@ -6,7 +6,7 @@ from shaftpose.core.background_index import read_library
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.bop_models import write_models
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.rendering.shapes import instrument_shape
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings

@@ -8,7 +8,7 @@ from shaftpose.checks.expected_sets import expected_sets
 from shaftpose.checks.set_checks import check_sets
 from shaftpose.core.background_index import read_library
 from shaftpose.core.files import write_json
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 

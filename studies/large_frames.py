@@ -26,7 +26,7 @@ from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.rendering.generator import SampleGenerator
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import RenderSettings

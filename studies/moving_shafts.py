@@ -18,9 +18,9 @@ from shaftpose.core.files import write_json
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.rendering.blender import Renderer
 from shaftpose.rendering.generator import photograph
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler
-from shaftpose.rendering.set_plans import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import Settings

@@ -13,7 +13,7 @@ from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.images import write_jpeg
 from shaftpose.figures.drawing import contact_sheet
 from shaftpose.rendering.generator import SampleGenerator
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.rendering.silhouette import blender_output_hidden
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.tree import Settings

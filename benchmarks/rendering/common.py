@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 from shaftpose.backgrounds.library import write_backgrounds
 from shaftpose.core.background_index import read_library
 from shaftpose.farm.blender_process import start_generator
+from shaftpose.rendering.image_sets import by_path
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.rendering.set_plans import by_path
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import BackgroundSettings
 from shaftpose.settings.tree import Settings

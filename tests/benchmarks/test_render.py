@@ -23,9 +23,9 @@ from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.farm.set_folder import write_set
+from shaftpose.rendering.image_sets import with_scene
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.scene_sampler import SceneSampler
-from shaftpose.rendering.set_plans import with_scene
 
 IMAGES = 4
 

@@ -73,36 +73,19 @@ def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new"),
-    [
-        ("gt_info.json", b"[3, 5, 17, 4]", b"[3, 5, 17   ]"),
-        ("shaft.json", b'}, {"x_mm"', b'}],"":[{""'),  # a pose less than boxes
-        ("gt_info.json", b"bbox_visib", b"bbox_visit"),
-        ("shaft.json", b"yaw_deg", b"yow_deg"),
-    ],
-)
-def test_annotations_that_are_json_and_yet_wrong_are_named(
-    tmp_path: Path, name: str, old: bytes, new: bytes
-) -> None:
-    path = tmp_path / shard_name(0)
-    write_shard(path, [make_sample(0)])
-    found = read_member(path, f"000000000.{name}").find(old)
-    assert found >= 0
-    overwrite(path, member(path, f"000000000.{name}").offset_data + found, new)
-    with pytest.raises(InputError, match="annotation of 000000000 is damaged") as caught:
-        ShardedDataset(tmp_path).annotations("000000000")
-    assert str(caught.value).startswith(f"{path}: ")
-
-
-@pytest.mark.parametrize(
     ("name", "old", "new", "read"),
     [
+        ("gt_info.json", b"[3, 5, 17, 4]", b"[3, 5, 17   ]", ShardedDataset.annotations),
+        # A pose less than boxes.
+        ("shaft.json", b'}, {"x_mm"', b'}],"":[{""', ShardedDataset.annotations),
+        ("gt_info.json", b"bbox_visib", b"bbox_visit", ShardedDataset.annotations),
+        ("shaft.json", b"yaw_deg", b"yow_deg", ShardedDataset.annotations),
         ("mask_visib.json", b'"size"', b'"sizf"', ShardedDataset.masks),
         ("mask_visib.json", b'"0"', b'"1"', ShardedDataset.masks),
         ("gt_info.json", b"visib_fract", b"visib_frict", ShardedDataset.visible_fractions),
     ],
 )
-def test_masks_and_shares_that_are_json_and_yet_wrong_are_named(
+def test_members_that_are_json_and_yet_wrong_are_named(
     tmp_path: Path, name: str, old: bytes, new: bytes, read: Callable[[ShardedDataset, str], object]
 ) -> None:
     path = tmp_path / shard_name(0)

@@ -14,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from shaftpose.core.background_index import Background
 from shaftpose.core.errors import InputError
 from shaftpose.rendering import stand_in_sets
-from shaftpose.rendering.set_plans import rendered_sets
+from shaftpose.rendering.image_sets import rendered_sets
 from shaftpose.settings import tree
 from shaftpose.settings.compose import composed
 from shaftpose.settings.stage import resolved_settings

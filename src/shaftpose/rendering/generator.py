@@ -67,7 +67,7 @@ class SampleGenerator:
             f"scene.occluder_coverage = [{low:g}, {high:g}], or a crossing shaft hides nothing or "
             f"is outside scene.crossing_coverage = [{fewest:g}, {most:g}]; in params.yaml widen "
             "`poses` or these ranges (for occluded test sets: OCCLUDED in "
-            "shaftpose/rendering/set_plans.py)"
+            "shaftpose/rendering/image_sets.py)"
         )
 
     def _annotations(

@@ -7,9 +7,9 @@ from shaftpose.backgrounds.library import procedural_sources, write_library
 from shaftpose.backgrounds.tissue import STAND_IN
 from shaftpose.backgrounds.variations import VariationRanges
 from shaftpose.core.background_index import read_library
+from shaftpose.rendering.image_sets import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
 from shaftpose.rendering.optics import middle_camera
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.rendering.set_plans import CLEAR, OCCLUDED, by_path, images_per_shard, with_scene
 from shaftpose.settings.schema import Distortion, RenderSettings, RunSize
 
 # Number added to the project's seed, and share of occluded images.

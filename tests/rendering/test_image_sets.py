@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from shaftpose.core.background_index import Background
+from shaftpose.rendering.image_sets import images_per_shard, rendered_sets
 from shaftpose.rendering.rendered_set import RenderedSet
-from shaftpose.rendering.set_plans import images_per_shard, rendered_sets
 from shaftpose.rendering.stand_in_sets import SETS, with_occlusion
 from tests.pipeline.conftest import settings_with
 
