@@ -95,7 +95,7 @@ def network(path: Path) -> Run:
 
 
 def frames() -> Iterator[Image]:
-    """The package's film, enlarged to the height of the frames and black beside it, for ever."""
+    """The package's film, enlarged to the height of the frames, with black sides; endless."""
     left = (WIDTH - HEIGHT) // 2
     sides = left, WIDTH - HEIGHT - left
     for frame in cycle(list(VideoFile(FILM).frames())):

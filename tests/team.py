@@ -1,6 +1,6 @@
 """Two machines and an MLflow server with a database in PostgreSQL, for `tests/test_services.py`.
 
-`pg_virtualenv` runs this beside a PostgreSQL server of its own, whose address it exports. Its
+`pg_virtualenv` runs this next to a PostgreSQL server of its own, whose address it exports. Its
 arguments:
 a model, and a folder for the server.
 """

@@ -410,7 +410,7 @@ def test_a_shaft_may_cross_beside_those_of_the_settings(tmp_path: Path) -> None:
     assert says in complaint(one_too_many)
 
 
-def test_a_crossing_shaft_hides_as_much_as_it_shall(tmp_path: Path) -> None:
+def test_a_crossing_shaft_hides_the_required_share(tmp_path: Path) -> None:
     """An independent count: pixels of the other's cylinder missing from its visible mask."""
     crossed = sample(0, [LEFT, across(LEFT)], crossing=1)
     hidden = 1 - crossed.instruments[0].visible_fraction
@@ -472,7 +472,7 @@ def half_hidden(pose: ShaftPose) -> Sample:
     return sample(0, [pose], masks=[mask], occluders=[{}])
 
 
-def test_an_occluder_hides_as_much_as_it_shall(tmp_path: Path) -> None:
+def test_an_occluder_hides_the_required_share(tmp_path: Path) -> None:
     expected = write_set(tmp_path, [[half_hidden(LEFT)]])
     expected = with_scene(expected, occluder_probability=1.0, occluder_coverage=(0.2, 0.8))
     (shard,) = checked(expected)

@@ -54,7 +54,7 @@ def arguments(images: Path, model: Path, out: Path) -> list[str]:
 
 
 def wait_until(condition: Callable[[], Any]) -> Any:
-    """What the condition returns once it holds."""
+    """The value of the condition once it holds."""
     end = time.monotonic() + PATIENCE_S
     while not (result := condition()):
         assert time.monotonic() < end, "it never came about"

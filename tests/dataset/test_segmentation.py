@@ -175,7 +175,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[float]:
         ([rectangle(39, 39, 40, 40)], slice(39, 40), slice(39, 40)),
         ([rectangle(-7, -9, 3, 55)], slice(0, 40), slice(0, 3)),
         ([rectangle(38, -2, 300, 5)], slice(0, 5), slice(38, 40)),
-        ([rectangle(50, 10, 60, 20)], slice(0), slice(0)),  # beside the image
+        ([rectangle(50, 10, 60, 20)], slice(0), slice(0)),  # next to the image
         # Those that overlap or touch are united.
         ([rectangle(5, 5, 15, 9), rectangle(10, 5, 22, 9)], slice(5, 9), slice(5, 22)),
         ([rectangle(5, 5, 15, 9), rectangle(15, 5, 22, 9)], slice(5, 9), slice(5, 22)),

@@ -175,7 +175,7 @@ def leaves(part: object, prefix: str = "") -> Iterator[str]:
 
 
 def determined(name: str) -> set[str]:
-    """What the table says. Raises KeyError if it says nothing."""
+    """The entry of the table. Raises KeyError if there is none."""
     parts = name.split(".")
     sections = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
     for section in sections:

@@ -1,4 +1,4 @@
-"""What a mask says about fitted shafts."""
+"""Scores of fitted shafts from a mask."""
 
 import numpy as np
 import pytest

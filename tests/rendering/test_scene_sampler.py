@@ -181,7 +181,7 @@ def test_a_crossing_shaft_passes_before_another_and_changes_no_other(
     assert kept >= IMAGES / 2
 
 
-def test_a_crossing_shaft_hides_as_much_as_it_shall(
+def test_a_crossing_shaft_hides_the_required_share(
     with_scene: Callable[..., RenderSettings], backgrounds: Mapping[Path, str]
 ) -> None:
     settings = with_scene(
