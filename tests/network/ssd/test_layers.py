@@ -5,21 +5,26 @@ import torch
 from torch import nn
 
 from shaftpose.network.ssd.inception_v4 import MAP_SIZES, InceptionV4Features
-from shaftpose.network.ssd.layers import Concat, Grid, Pool, scale_channels, through
+from shaftpose.network.ssd.layers import CellCentres, Concat, Pool, scale_channels, through
 
 
 def test_layers_by_hand() -> None:
-    assert through(nn.Conv2d(1, 1, 3, 2), Grid()) == Grid(1.5, 2.0)
-    assert through(nn.Conv2d(1, 1, 3, 2, 1), Grid()) == Grid(0.5, 2.0)
-    assert through(nn.MaxPool2d(2, 2), Grid(1.5, 2.0)) == Grid(2.5, 4.0)
-    assert through(nn.Conv2d(1, 1, (1, 7), 1, (0, 3)), Grid(2.5, 4.0)) == Grid(2.5, 4.0)
-    assert through(nn.Sequential(nn.Conv2d(1, 1, 3), nn.Conv2d(1, 1, 3)), Grid()).first_px == 2.5
+    assert through(nn.Conv2d(1, 1, 3, 2), CellCentres()) == CellCentres(1.5, 2.0)
+    assert through(nn.Conv2d(1, 1, 3, 2, 1), CellCentres()) == CellCentres(0.5, 2.0)
+    assert through(nn.MaxPool2d(2, 2), CellCentres(1.5, 2.0)) == CellCentres(2.5, 4.0)
+    assert through(nn.Conv2d(1, 1, (1, 7), 1, (0, 3)), CellCentres(2.5, 4.0)) == CellCentres(
+        2.5, 4.0
+    )
+    assert (
+        through(nn.Sequential(nn.Conv2d(1, 1, 3), nn.Conv2d(1, 1, 3)), CellCentres()).first_px
+        == 2.5
+    )
 
 
 def test_branches_must_agree() -> None:
     apart = Concat(Pool(nn.MaxPool2d(3, 2), 1), Pool(nn.MaxPool2d(1, 2), 1))
     with pytest.raises(ValueError, match="unpack"):
-        through(apart, Grid())
+        through(apart, CellCentres())
 
 
 def test_centres_by_hand() -> None:

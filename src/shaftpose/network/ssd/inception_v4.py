@@ -11,11 +11,11 @@ from torch import Tensor, nn
 
 from shaftpose.network.pose_network import IMAGE_SIDE_PX
 from shaftpose.network.ssd.layers import (
+    CellCentres,
     Chain,
     Concat,
     Conv,
     Fork,
-    Grid,
     Pool,
     PooledChain,
     scale_channels,
@@ -143,10 +143,10 @@ class InceptionV4Features(nn.Module):
 
     def cell_centres(self) -> list[list[float]]:
         """Cell centres of each map along either axis, in units of the image's side."""
-        centres, grid = [], Grid()
+        centres, cells = [], CellCentres()
         for size, stage in zip(MAP_SIZES, (*self.trunk, *self.extra), strict=True):
-            grid = through(stage, grid)
-            centres.append([grid.centre_px(cell) / IMAGE_SIDE_PX for cell in range(size)])
+            cells = through(stage, cells)
+            centres.append([cells.centre_px(cell) / IMAGE_SIDE_PX for cell in range(size)])
         return centres
 
 

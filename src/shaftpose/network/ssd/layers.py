@@ -120,10 +120,10 @@ def _same_padding(kernel: Size) -> Size:
 
 
 @dataclass(frozen=True)
-class Grid:
+class CellCentres:
     """Centres of the cells of a map along either axis: the first one, and the step to the next.
 
-    The default is the grid of the image's pixels.
+    By default those of the image's pixels.
     """
 
     first_px: float = 0.5
@@ -134,8 +134,8 @@ class Grid:
         return self.first_px + cell * self.step_px
 
 
-def through(module: nn.Module, grid: Grid) -> Grid:
-    """The output grid of a module whose input has `grid`.
+def through(module: nn.Module, cells: CellCentres) -> CellCentres:
+    """The cells of a module's output, if those of its input are `cells`.
 
     A cell's receptive field is a square of the image. Each convolution or pooling moves its centre
     by `(kernel - 1) / 2 - padding` cells of its input (Dumoulin and Visin, 2016, relationship 6);
@@ -148,14 +148,14 @@ def through(module: nn.Module, grid: Grid) -> Grid:
         )
         (shift,) = {(k - 1) / 2 - p for k, p in zip(kernel, padding, strict=True)}
         (factor,) = set(stride)
-        return Grid(grid.first_px + shift * grid.step_px, grid.step_px * factor)
+        return CellCentres(cells.first_px + shift * cells.step_px, cells.step_px * factor)
     branches = getattr(module, "branches", None)
     if branches is not None:
-        (behind,) = {through(branch, grid) for branch in branches}
+        (behind,) = {through(branch, cells) for branch in branches}
         return behind
     for child in module.children():
-        grid = through(child, grid)
-    return grid
+        cells = through(child, cells)
+    return cells
 
 
 def _pair(size: Any) -> tuple[int, int]:
