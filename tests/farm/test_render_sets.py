@@ -88,23 +88,28 @@ def render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float = 
 
 
 @pytest.fixture(scope="module")
-def undisturbed(
+def undisturbed_run(
     rendered: RenderedSet, client: Client, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, Path]:
-    """Scratch and output folder of an undisturbed run."""
+) -> tuple[Path, float]:
+    """Folder of an undisturbed run, and its duration in seconds."""
     folder = tmp_path_factory.mktemp("undisturbed")
+    begin = time.monotonic()
     render(rendered, folder, client)
+    return folder, time.monotonic() - begin
+
+
+@pytest.fixture(scope="module")
+def undisturbed(undisturbed_run: tuple[Path, float]) -> tuple[Path, Path]:
+    """Scratch and output folder of an undisturbed run."""
+    folder, _ = undisturbed_run
     return folder / "scratch", folder / "out"
 
 
 @pytest.fixture(scope="module")
-def hang_s(rendered: RenderedSet, undisturbed: tuple[Path, Path]) -> float:
+def hang_s(undisturbed_run: tuple[Path, float]) -> float:
     """Longer than Blender needs on this machine to start and render an image."""
-    begin, end = (
-        (undisturbed[0] / rendered.fingerprint() / name).stat().st_mtime
-        for name in ("set.json", f"shard-{SHARDS - 1:06d}.tar")
-    )
-    return max(10.0, 3 * (end - begin))
+    _, seconds = undisturbed_run
+    return max(10.0, 3 * seconds)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
