@@ -1,5 +1,6 @@
 """Pictures and videos of results."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,7 +17,9 @@ from tests.inference.full_disk import longest_file
 from tests.inference.videos import read_greys
 
 AXIS = np.array([[200.0, 100.0], [260.0, 100.0]])
-SHAFT = FoundShaft(0.9, np.array([50.0, 60, 300, 160]), AXIS, ShaftPose(1, 2, 20, 90, 0), True)
+SHAFT = FoundShaft(
+    0.9, np.array([50.0, 60, 300, 160]), AXIS, ShaftPose(1, 2, 20, 90, 0), True, "seen"
+)
 
 
 def grey(value: int, width: int = 400, height: int = 300) -> Image:
@@ -42,6 +45,13 @@ def test_poses_that_are_not_metric_are_marked() -> None:
     widths = [np.flatnonzero(draw_shafts(grey(0), [s])[270:].any(axis=(0, 2))).max()
               for s in (SHAFT, shaft)]  # fmt: skip
     assert widths[1] > widths[0] + 40
+
+
+def test_a_tip_that_is_not_seen_has_a_hollow_mark() -> None:
+    for tip, filled in (("seen", True), ("hidden", False), ("outside", False)):
+        drawn = draw_shafts(grey(0, 1200, 900), [replace(SHAFT, tip=tip)])
+        # Just behind the tip, next to the axis and inside of the mark.
+        assert bool(drawn[104, 197].any()) == filled
 
 
 def test_lines_grow_with_the_frame() -> None:

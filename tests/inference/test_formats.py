@@ -17,7 +17,7 @@ from shaftpose.inference.frames import Frame
 RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 AXIS = np.array([[30.04, 40.0], [50.0, 60.26]])
 SHAFT = FoundShaft(
-    0.87654, np.array([1.0, 2.04, 3, 4]), AXIS, ShaftPose(1, -2, 20.125, 90, 0), True
+    0.87654, np.array([1.0, 2.04, 3, 4]), AXIS, ShaftPose(1, -2, 20.125, 90, 0), True, "hidden"
 )
 
 
@@ -33,7 +33,7 @@ def test_json_lines_hold_a_frame_each() -> None:
     assert content["instruments"] == 2 * [{
         "score": 0.8765, "box": [1, 2, 3, 4], "tip_px": [30, 40], "axis_px": [[30, 40], [50, 60.3]],
         "x_mm": 1, "y_mm": -2, "z_mm": 20.12, "pitch_deg": 90, "yaw_deg": 0, "metric": True,
-        "deviations": None, "track": None,
+        "tip": "hidden", "deviations": None, "track": None,
     }]  # fmt: skip
 
 
@@ -56,7 +56,7 @@ def test_csv_holds_a_shaft_in_a_line() -> None:
     (row,) = csv.DictReader(io.StringIO(text))
     assert row["image"] == "a, b.png"
     assert [row[name] for name in ("x1", "tip_x_px", "axis_y_px")] == ["3.0", "30.0", "60.3"]
-    assert (row["z_mm"], row["metric"]) == ("20.12", "true")
+    assert (row["z_mm"], row["metric"], row["tip"]) == ("20.12", "true", "hidden")
     assert csv_lines(Frame("a.png", 0, RGB), []) == ""
 
 

@@ -18,7 +18,9 @@ pytest.importorskip("rerun", reason=REASON)
 
 DEMO = Path(__file__).parents[2] / "src/shaftpose/inference/demo_frame.jpg"
 AXIS = np.array([[200.0, 100.0], [260.0, 100.0]])
-SHAFT = FoundShaft(0.9, np.array([50.0, 60, 300, 160]), AXIS, ShaftPose(1, 2, 20, 90, 0), True)
+SHAFT = FoundShaft(
+    0.9, np.array([50.0, 60, 300, 160]), AXIS, ShaftPose(1, 2, 20, 90, 0), True, "seen"
+)
 
 
 def matrix(rgb: Any) -> Any:

@@ -21,7 +21,7 @@ def frame(number: int, source: str = "film.mp4", fps: float | None = 25.0) -> Fr
 
 def shaft(x_mm: float, yaw_deg: float = 0.0) -> FoundShaft:
     pose = ShaftPose(x_mm, 0, 20, 80, yaw_deg % 360)
-    return FoundShaft(0.9, np.zeros(4), np.zeros((2, 2)), pose, True, np.full(5, 0.1))
+    return FoundShaft(0.9, np.zeros(4), np.zeros((2, 2)), pose, True, "seen", np.full(5, 0.1))
 
 
 def tracker() -> ShaftTracker:

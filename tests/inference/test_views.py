@@ -181,7 +181,7 @@ def test_a_principal_point_outside_of_the_frame_is_named() -> None:
 
 
 def test_an_unknown_cameras_frame_is_scaled_to_the_models_side() -> None:
-    view = unknown_camera(MODEL, any_size=True)(1280, 720)
+    view = unknown_camera(MODEL, True, fail)(1280, 720)
     assert (view.camera.width, view.camera.height) == (532, 299)
     assert view.image_px(np.array([[266.0, 149.5]]))[0] == pytest.approx([640, 360])
     fine = view.fine_picture(np.zeros((720, 1280, 3), np.uint8))
@@ -197,7 +197,7 @@ def test_frames_that_are_too_small_or_too_long_are_named(
 
 
 def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
-    views = parts_of(unknown_camera(MODEL, any_size=True), (100, 50, 400, 300))
+    views = parts_of(unknown_camera(MODEL, True, fail), (100, 50, 400, 300))
     view = views(640, 480)
     assert view.image_px(np.array([[0.0, 0], [399, 299]])) == pytest.approx(
         np.array([[100, 50], [500, 350]]), abs=1
@@ -207,3 +207,11 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
     assert view.picture(frame).min() == 7
     with pytest.raises(InputError, match="320 x 240 px, which do not hold --crop 100,50,400,300"):
         views(320, 240)
+
+
+def test_a_network_of_squares_says_that_it_sees_the_central_one() -> None:
+    warnings: list[str] = []
+    views = unknown_camera(MODEL, False, warnings.append)
+    assert views(299, 299).camera == MODEL and not warnings
+    assert views(1280, 720) is views(1280, 720)
+    assert len(warnings) == 1 and "1280 x 720 px: this model sees squares" in warnings[0]

@@ -134,7 +134,7 @@ def test_an_axis_that_passes_the_line_of_sight_turns_round() -> None:
 
 def test_pixels_of_another_size_change_no_covariance() -> None:
     random = np.random.default_rng(0).normal(size=(5, 5))
-    fit = Fit(POSES[0], random @ random.T + np.eye(5), CAMERA)
+    fit = Fit(POSES[0], random @ random.T + np.eye(5), CAMERA, 0.0)
     finer = CAMERA.enlarged(3)
-    same = Fit(POSES[0], fit.information_in(finer), finer)
+    same = Fit(POSES[0], fit.information_in(finer), finer, 0.0)
     np.testing.assert_allclose(same.covariance(), fit.covariance(), rtol=1e-9)

@@ -1,13 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from shaftpose.core.geometry import Disc, axis_direction
 from shaftpose.core.instruments import Detections
 from shaftpose.core.masks import mask_box
-from shaftpose.refinement.contour import Contour
+from shaftpose.refinement.contour import ARC, Contour
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import Fit
-from shaftpose.refinement.refiner import Refiner
+from shaftpose.refinement.refiner import FittedDetections, Refiner
 from tests.core.silhouettes import CAMERA, POSES, SHAFT, soft_mask
 
 OFF = np.array([0.5, -0.4, 1.5, 5.0, -4.0])
@@ -27,7 +30,7 @@ def brightness_edges(rgb: NDArray[np.float32], contour: Contour, reach_px: float
     """Where such an image changes from bright to dark, as sure as an edge reader is of it."""
     soft = ((rgb[..., 0] + 1) * 127.5 - 60) / 120
     found = mask_offsets(soft, contour, min(reach_px, 2.0))
-    return Offsets(found.px, 50 * found.weights)
+    return Offsets(found.px, 150 * found.weights)
 
 
 EDGES = {"mask": None, "edges": brightness_edges}
@@ -43,7 +46,7 @@ def test_poses_and_boxes_are_those_of_the_silhouette(name: str) -> None:
 
 def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tip nearer to the camera than the shaft's radius and 1 mm has no contour, thus no box."""
-    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA, 1.0)
     monkeypatch.setattr(Refiner, "_fits", lambda *_: [lost])
     mask = soft_mask(POSES[0])
     found = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[0]), CAMERA)
@@ -54,7 +57,7 @@ def test_a_fit_that_leads_out_of_sight_is_none(monkeypatch: pytest.MonkeyPatch) 
 def test_if_edges_lead_out_of_sight_the_fit_to_the_mask_stays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA)
+    lost = Fit(np.array([0.0, 0.0, 2.0, 70.0, 0.0]), np.eye(5), CAMERA, 1.0)
     monkeypatch.setattr(Refiner, "_on_edges", lambda *_: lost)
     mask = soft_mask(POSES[0])
     both = [
@@ -157,3 +160,53 @@ def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:
     found = Refiner(SHAFT._replace(flat_tip=False), None)(grey(mask), mask, start, CAMERA)
     assert np.array_equal(found.boxes, box)
     assert np.all(np.abs(found.poses[0, 3:] - POSES[0][3:]) < 1)
+
+
+def with_sure_edges(sure_of_tip: bool) -> FittedDetections:
+    """A fit to edges of which a reader is sure, except perhaps on the tip's arc."""
+
+    def edges(rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+        found = brightness_edges(rgb, contour, reach_px)
+        unsure = (contour.parts == ARC) & (not sure_of_tip)
+        return Offsets(found.px, np.where(unsure, 0.1, 1.0) * found.weights)
+
+    mask = soft_mask(POSES[0])
+    return Refiner(SHAFT, edges)(grey(mask), mask, detections(POSES[0] + 0.2 * OFF), CAMERA)
+
+
+def test_a_tip_without_a_sure_arc_is_hidden_and_may_lie_elsewhere_on_the_axis() -> None:
+    seen, hidden = with_sure_edges(sure_of_tip=True), with_sure_edges(sure_of_tip=False)
+    assert (seen.tips[0], hidden.tips[0]) == ("seen", "hidden")
+    assert (seen.deviations[0, :3] < 0.5).all()
+    grown = np.sqrt(hidden.deviations[0, :3] ** 2 - seen.deviations[0, :3] ** 2)
+    along_mm = 70 * POSES[0][2] / CAMERA.focal_px * axis_direction(*POSES[0][3:])
+    np.testing.assert_allclose(grown, np.abs(along_mm), rtol=0.1)
+    np.testing.assert_allclose(hidden.deviations[0, 3:], seen.deviations[0, 3:], rtol=0.5)
+
+
+def test_a_tip_beyond_the_border_is_outside() -> None:
+    pose = np.array([-27.0, 0.0, 20.0, 80.0, 0.0])  # its tip at -35 px, its body in the image
+    mask = soft_mask(pose)
+    found = Refiner(SHAFT, None)(grey(mask), mask, detections(pose), CAMERA)
+    assert found.tips[0] == "outside"
+    assert found.deviations[0, 0] > 5
+    # The same for the border of a round field.
+    narrow = replace(CAMERA, field=Disc(200.0, 149.5, 120.0))
+    within = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[0]), narrow)
+    assert within.tips[0] == "outside"
+
+
+def test_a_wrong_pitch_is_found_from_one_of_several_starts() -> None:
+    """The network's pitch is 40 deg off, and its prior pulls back there."""
+    pose = np.array([-5.0, 3.0, 15.0, 50.0, 200.0])
+    mask, wrong = soft_mask(pose), detections(pose + [0, 0, 0, 38.0, 0])
+    alone = Refiner(SHAFT, None)(grey(mask), mask, wrong, CAMERA)
+    several = Refiner(SHAFT, None, (45.0, 90.0))(grey(mask), mask, wrong, CAMERA)
+    errors = [abs(found.poses[0, 3] - 50) for found in (alone, several)]
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_pitches_stay_in_the_range_of_the_training() -> None:
+    mask = soft_mask(POSES[2])  # of 100 deg
+    found = Refiner(SHAFT, None, (50.0, 90.0))(grey(mask), mask, detections(POSES[2]), CAMERA)
+    assert found.poses[0, 3] == 90

@@ -90,6 +90,8 @@ def _metadata(rendering: RenderSettings, edge_reader: bytes | None) -> ModelMeta
     shaft, lens = rendering.shaft, rendering.lens.distortion
     return ModelMetadata(
         view_deg=rendering.camera.view_deg,
+        low_pitch_deg=rendering.poses.pitch_deg[0],
+        high_pitch_deg=rendering.poses.pitch_deg[1],
         side_px=rendering.camera.size_px,
         # The diameter of an instrument from a CAD file is not a setting.
         shaft_diameter_mm=None if shaft.cad else shaft.diameter_mm,

@@ -24,8 +24,10 @@ _PLAIN_PX = 299  # side of a frame with lines of one pixel
 
 
 def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
-    """Draw boxes, tips, axes and poses (mm, deg) on a copy of a frame (H, W, 3). Poses that are not
-    metric are marked."""
+    """Draw boxes, tips, axes and poses (mm, deg) on a copy of a frame (H, W, 3).
+
+    The mark of a tip is hollow if the image does not show it. Poses that are not metric say so.
+    """
     drawn, scale = rgb.copy(), max(min(rgb.shape[:2]) / _PLAIN_PX, 0.5)
     thickness, bits = max(round(scale), 1), SUBPIXEL_BITS
     for row, shaft in enumerate(sorted(shafts, key=lambda shaft: shaft.track or 0)):
@@ -33,7 +35,8 @@ def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
         cv2.rectangle(drawn, low, high, FOUND, thickness, cv2.LINE_AA, bits)
         tip, end = subpixel_grid(shaft.axis_px).tolist()
         cv2.line(drawn, tip, end, FOUND, thickness, cv2.LINE_AA, bits)
-        cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, thickness, cv2.LINE_AA, bits)
+        filling = cv2.FILLED if shaft.tip == "seen" else thickness
+        cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, filling, cv2.LINE_AA, bits)
         below = round((8 + LINE_PX * row) * scale)
         write_text(drawn, shaft_text(shaft), (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
     return drawn

@@ -18,7 +18,7 @@ from shaftpose.inference.frames import FrameId
 
 CSV_COLUMNS = (
     "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
-    "axis_y_px", *POSE_DIMENSIONS, "metric", "track",
+    "axis_y_px", *POSE_DIMENSIONS, "metric", "tip", "track",
 )  # fmt: skip
 BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _SHAFT, _UNKNOWN_TIME = 1, -1  # our object's number, and BOP's value for an unknown time
@@ -52,6 +52,7 @@ def as_row(shaft: FoundShaft) -> dict[str, Any]:
         "axis_px": np.round(shaft.axis_px, 1).tolist(),
         **_rounded(shaft.pose),
         "metric": shaft.metric,
+        "tip": shaft.tip,
         "deviations": None if shaft.deviations is None else _named(shaft.deviations),
         "track": shaft.track,
     }
@@ -71,7 +72,7 @@ def csv_lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     return _table(
         [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
          *(row[name] for name in POSE_DIMENSIONS), "true" if row["metric"] else "false",
-         row["track"]]
+         row["tip"], row["track"]]
         for row in map(as_row, shafts)
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.inference.views import View
+from shaftpose.refinement.refiner import TipState
 
 AXIS_MM = 10.0  # drawn length of an axis
 _LEAST_DEPTH_MM = 1.0  # points behind the camera have no image
@@ -21,8 +22,8 @@ class FoundShaft:
     score: in [0, 1]. box: (4,) x0, y0, x1, y1, clipped to the frame. axis_px: (2, 2), the tip and
     the point of the axis 10 mm towards the handle, or less where the depth would fall below half;
     both may lie outside the frame. metric: whether the pose's millimetres hold for the user's
-    camera and shaft. deviations: (5,) standard deviations of a fitted pose, mm and deg. track: the
-    shaft's number in the video, if shafts are tracked.
+    camera and shaft. tip: whether the frame shows it. deviations: (5,) standard deviations of a
+    fitted pose, mm and deg. track: the shaft's number in the video, if shafts are tracked.
     """
 
     score: float
@@ -30,6 +31,7 @@ class FoundShaft:
     axis_px: Array
     pose: ShaftPose
     metric: bool
+    tip: TipState
     deviations: Array | None = None
     track: int | None = None
 

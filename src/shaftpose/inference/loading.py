@@ -122,7 +122,7 @@ def _views(
         return known_camera(calibrated(calibration), predictor.camera, any_size, warn)
     if view_deg is not None:
         return known_camera(stated_view(view_deg), predictor.camera, any_size, warn)
-    return unknown_camera(predictor.camera, any_size)
+    return unknown_camera(predictor.camera, any_size, warn)
 
 
 @dataclass(frozen=True)

@@ -75,10 +75,11 @@ class ModelMetadata:
 
     confidence: threshold for the network's scores. fit_confidence: threshold for the scores of
     fitted poses, which also depend on the mask; None if poses cannot be fitted. Both were chosen on
-    validation images. view_deg: of the camera, side_px: of the images that it was trained on; the
-    defaults are the paper's. shaft_*: None for an
-    instrument from a CAD file. distorted: whether the camera had lens distortion. edge_reader: a
-    second ONNX model in bytes, see `inference.learned_edges`; None for a network without one.
+    validation images. view_deg: of the camera, side_px: of the training images; the defaults are
+    the paper's. shaft_*: None for an instrument from a CAD file. distorted: whether the camera had
+    lens distortion. edge_reader: a second ONNX model in bytes, see `inference.learned_edges`; None
+    for a network without one. low_pitch_deg, high_pitch_deg: range of the training images' poses;
+    None in files of older versions.
     """
 
     confidence: float | None = None
@@ -90,6 +91,14 @@ class ModelMetadata:
     fit_confidence: float | None = None
     edge_reader: bytes | None = None
     side_px: int = 299
+    low_pitch_deg: float | None = None
+    high_pitch_deg: float | None = None
+
+    @property
+    def pitches_deg(self) -> tuple[float, float] | None:
+        """The range of pitches of the training images' poses, if it is known."""
+        low, high = self.low_pitch_deg, self.high_pitch_deg
+        return None if low is None or high is None else (low, high)
 
     def as_text(self) -> dict[str, str]:
         """Name -> value of all that is not None; bytes in base 64."""
@@ -106,7 +115,8 @@ class ModelMetadata:
         Raises ValueError if a value is not a number, or bytes are not in base 64.
         """
         numbers = (
-            "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm"
+            "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm",
+            "low_pitch_deg", "high_pitch_deg"
         )  # fmt: skip
         known = {name: float(stated[name]) for name in numbers if name in stated}
         side_px = int(stated.get("side_px", cls.side_px))

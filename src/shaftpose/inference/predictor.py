@@ -135,7 +135,8 @@ class Predictor:
         if diameter_mm is None or length_mm is None or self.metadata.distorted or refine == "none":
             return None
         shaft = Shaft(diameter_mm, length_mm, flat_tip=self.metadata.shaft_tip == "flat")
-        return Refiner(shaft, self._edges() if refine == "edges" else None)
+        edges = self._edges() if refine == "edges" else None
+        return Refiner(shaft, edges, self.metadata.pitches_deg)
 
     def _edges(self) -> LearnedEdges:
         reader = self.metadata.edge_reader

@@ -1,17 +1,19 @@
 """Finds shafts in frames of any size, with poses for the user's camera and shaft."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Array, ShaftPose
+from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.core.instruments import Detections
 from shaftpose.inference.fields import Picture, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View, Views
-from shaftpose.refinement.refiner import FittedDetections
+from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
 _STEP_PX = 0.01  # this near to the optical axis, no lens distorts
@@ -58,18 +60,21 @@ class ShaftFinder:
             picture, corner = picture.within(field), np.array(field.box[:2])
         (every,) = self._predictor(picture.rgb[None], [picture.fine], picture.camera)
         found = every.above(self._score)
-        boxes = found.boxes + np.tile(corner, 2)
-        shafts = [
-            self._in_frame(float(score), box_px(box, view, width, height), pose, view)
-            for score, box, pose in zip(found.scores, boxes, found.poses, strict=True)
-        ]
+        boxes = [box_px(box + np.tile(corner, 2), view, width, height) for box in found.boxes]
+        deviations, tips = self._doubts(found, picture.camera)
+        rows = zip(found.scores.tolist(), boxes, found.poses, deviations, tips, strict=True)
+        return [self._in_frame(view, *row) for row in rows]
+
+    def _doubts(
+        self, found: Detections, camera: Camera
+    ) -> tuple[Sequence[Array | None], Sequence[TipState]]:
+        """The deviations of poses, where they were fitted, and the states of their tips."""
         if not isinstance(found, FittedDetections):
-            return shafts
+            tips = [tip_state(pose, camera) for pose in found.poses]
+            return [None] * len(tips), tips
         scale = np.array([self._scale] * 3 + [1.0] * 2)
-        return [
-            replace(shaft, deviations=scale * own) if np.isfinite(own).all() else shaft
-            for shaft, own in zip(shafts, found.deviations, strict=True)
-        ]
+        deviations = [scale * own if np.isfinite(own).all() else None for own in found.deviations]
+        return deviations, found.tips.tolist()
 
     def axis_px(self, pose: ShaftPose, rgb: Image) -> Array:
         """Project a pose's tip and axis into a frame (H, W, 3): (2, 2) px, see `FoundShaft`."""
@@ -87,10 +92,18 @@ class ShaftFinder:
         focal_x, focal_y = model.focal_px / _STEP_PX * (right - centre + below - centre)
         return np.array([[focal_x, 0, centre[0]], [0, focal_y, centre[1]], [0, 0, 1]])
 
-    def _in_frame(self, score: float, box: Array, values: Array, view: View) -> FoundShaft:
+    def _in_frame(
+        self,
+        view: View,
+        score: float,
+        box: Array,
+        values: Array,
+        deviations: Array | None,
+        tip: TipState,
+    ) -> FoundShaft:
         pose = self._scaled(ShaftPose.from_array(values))
         axis = axis_px(pose, view)
-        return FoundShaft(score, box, axis, pose, self._metric)
+        return FoundShaft(score, box, axis, pose, self._metric, tip, deviations)
 
     def _scaled(self, pose: ShaftPose) -> ShaftPose:
         """Scale a pose to the user's shafts: a scene enlarged as a whole gives the same image."""

@@ -223,11 +223,22 @@ def _shrunk(length: int, by: int) -> int:
     return max(round(length / by), 1)
 
 
-def unknown_camera(model: Camera, any_size: bool) -> Views:
+def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> Views:
     """Views of an unknown camera's frames: whole ones for a network of any size, else their central
-    squares."""
-    part = whole_frame if any_size else central_square
-    return lru_cache(maxsize=_CACHED)(lambda width, height: part(width, height, model))
+    squares, with a warning if the frames are no squares."""
+
+    @lru_cache(maxsize=_CACHED)
+    def view(width: int, height: int) -> View:
+        if any_size:
+            return whole_frame(width, height, model)
+        if width != height:
+            warn(
+                f"frames of {width} x {height} px: this model sees squares, and looks at their "
+                "central square alone; name another part by --crop"
+            )
+        return central_square(width, height, model)
+
+    return view
 
 
 def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> Views:

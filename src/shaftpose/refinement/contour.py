@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 LINE_SAMPLES, _ARC_SAMPLES = 40, 24  # the arc has fewer than a line
 _ALONG_LINE, _ALONG_ARC = np.linspace(0, 1, LINE_SAMPLES), np.linspace(-1, 1, _ARC_SAMPLES)
+ARC = 2  # number of the tip's arc among the parts of a contour
 _END_ON = 1e-6  # px per mm: slower, the line points at the camera
 _LEAST_DEPTH_MM = 1.0  # of the whole tip
 _MARGIN_PX = 1.0
@@ -38,7 +39,7 @@ class Contour(NamedTuple):
     points: (N, 2) px. normals: (N, 2), unit vectors out of the silhouette. lengths: (N,) px of
     contour that each sample stands for. motion: (N, 5), derivatives of the displacement along the
     normals by the pose, px per mm and px per deg. parts: (N,), 0 and 1 on the lines, from the tip
-    outwards, 2 on the arc. field: the image's round field, if it has one.
+    outwards, `ARC` on the arc. field: the image's round field, if it has one.
     """
 
     points: Array
@@ -142,7 +143,7 @@ def _arc(
     kept = across > _FACING * max(float(np.linalg.norm(course)), 1e-9)
     kept &= camera.shows(camera.project(rims)) & (speeds > 1e-9)
     return _Part(
-        rims[kept], (radial - axis)[kept], tangents[kept], lengths[kept], np.full(kept.sum(), 2)
+        rims[kept], (radial - axis)[kept], tangents[kept], lengths[kept], np.full(kept.sum(), ARC)
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera, signed_deg
-from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.refinement.contour import ARC, Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.edges import Offsets
 from shaftpose.refinement.pose_parameters import derivatives, moved, parameters
 
@@ -46,16 +46,20 @@ class Stage(NamedTuple):
 
 class Fit(NamedTuple):
     """A fitted pose (5,) mm, deg, and the Fisher information (5, 5) about its parameters, the first
-    two in pixels of `camera`."""
+    two in pixels of `camera`.
+
+    arc_information: from the edges along the tip's arc, per px of arc; 0 if none is in the image.
+    """
 
     pose: Array
     information: Array
     camera: Camera
+    arc_information: float
 
     def covariance(self) -> Array:
         """The covariance (5, 5) of the pose."""
         spread = derivatives(self.pose, self.camera)
-        return spread @ np.linalg.inv(self.information) @ spread.T
+        return np.asarray(spread @ np.linalg.inv(self.information) @ spread.T)
 
     def information_in(self, camera: Camera) -> Array:
         """The information about the parameters for a camera with the same view and other pixels."""
@@ -66,10 +70,11 @@ class Fit(NamedTuple):
 class _Edges(NamedTuple):
     """Whitened equations of the edges along a contour, whose errors are independent and have a
     standard deviation of 1: their offsets (N,), and the derivatives of the contour's motion along
-    its normals by the parameters (N, 5)."""
+    its normals by the parameters (N, 5). arc_information: see `Fit`."""
 
     offsets: Array
     motion: Array
+    arc_information: float
 
 
 def fit_pose(
@@ -81,13 +86,15 @@ def fit_pose(
     errors: EdgeErrors,
     prior_information: Array,
     prior_pose: Array | None = None,
+    pitches_deg: tuple[float, float] = (0.0, 180.0),
 ) -> Fit | None:
     """Fit a pose (5,) to the edges that `search` finds, one Gauss-Newton step in each stage; None
     if the last stage finds too few edges.
 
     The step minimizes the offsets of the edges along the contour's normals, weighted by their
     information and by `errors`. prior_information: (5, 5), about the parameters of `prior_pose`, by
-    default the start; it determines what the edges leave open.
+    default the start; it determines what the edges leave open. pitches_deg: the range in which the
+    pitch is kept.
     """
     if not np.isfinite(start).all() or start[2] <= 0:
         return None
@@ -105,9 +112,11 @@ def fit_pose(
             edges.motion.T @ edges.offsets + prior_information @ to_prior,
         )
         pose = moved(pose, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), camera)
+        pose[3] = np.clip(pose[3], *pitches_deg)
     if edges is None:
         return None
-    return Fit(pose, edge_information / errors.understated**2 + prior_information, camera)
+    information = edge_information / errors.understated**2 + prior_information
+    return Fit(pose, information, camera, edges.arc_information)
 
 
 def _edges(
@@ -125,7 +134,10 @@ def _edges(
     motion = contour.motion @ derivatives(pose, camera)
     both = np.column_stack([offsets.px, motion])
     both = whitened(both, information, contour.parts, shared_px)
-    return _Edges(both[:, 0], both[:, 1:])
+    on_arc = contour.parts == ARC
+    arc_px = float(contour.lengths[on_arc].sum())
+    arc_information = float(information[on_arc].sum()) / arc_px if arc_px else 0.0
+    return _Edges(both[:, 0], both[:, 1:], arc_information)
 
 
 def whitened(values: Array, information: Array, parts: NDArray[np.intp], shared_px: float) -> Array:

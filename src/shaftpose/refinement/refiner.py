@@ -1,19 +1,21 @@
 """Refinement of all detections in an image by fits to its mask and its edges."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera
+from shaftpose.core.geometry import Camera, axis_direction
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.contour_sampling import scaled
+from shaftpose.refinement.crossings import Outline, leaving_out, met_outlines
 from shaftpose.refinement.edges import Offsets, mask_offsets
-from shaftpose.refinement.fit import EdgeErrors, Fit, Stage, fit_pose
+from shaftpose.refinement.fit import EdgeErrors, Fit, Search, Stage, fit_pose
 from shaftpose.refinement.initial_poses import initial_poses_from_mask
 from shaftpose.refinement.support import distinct, supported
 
@@ -22,13 +24,22 @@ _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
 _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
+_STARTS, _RESIDUAL_PX = 4, 4.0  # pitches from which the fit to the mask starts, and their rating
 _READER_ERRORS = EdgeErrors(understated=12.0)
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
+# Least information per px of a seen tip's arc, from the mask and from the reader; a tip nearer to
+# the border than this is outside; and the standard deviation, along the axis, of a tip that is not
+# seen, px of the model's image. Measured on renders with and without occluders (docs/beyond.md).
+_LEAST_ARC, _LEAST_READ_ARC = 0.2, 70.0
+_AT_BORDER_PX, _HIDDEN_PX = 1.0, 70.0
 # Least score of a detection that explains the mask where it lies, and the score of a shaft that
 # only the mask shows (docs/beyond.md).
 _EXPLAINS, _MASK_ALONE = 0.3, 0.2
+
+# Whether the image shows a tip, something hides it, or it lies outside of the image.
+TipState = Literal["seen", "hidden", "outside"]
 
 # Finds edges in an image (H, W, 3) in [-1, 1] within some px of a contour.
 FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
@@ -37,17 +48,39 @@ FindEdges = Callable[[NDArray[np.float32], Contour, float], Offsets]
 @dataclass(frozen=True)
 class FittedDetections(Detections):
     """Detections with standard deviations (K, 5) of their poses, mm and deg; NaN where the fit
-    failed and the pose is the network's."""
+    failed and the pose is the network's. tips: (K,), a `TipState` each."""
 
     deviations: NDArray[np.float64]
+    tips: NDArray[np.str_]
+
+
+class _Evidence(NamedTuple):
+    """What an image shows: the mask (H, W), the image in [-1, 1] and the same in more pixels, and
+    the camera that sees the mask."""
+
+    mask: NDArray[np.float32]
+    pictures: Sequence[NDArray[np.float32]]
+    camera: Camera
 
 
 class Refiner:
     """Fits poses of one kind of shaft to the mask and, if `edges` is given, to the edges of the
-    image."""
+    image.
 
-    def __init__(self, shaft: Shaft, edges: FindEdges | None) -> None:
+    pitches_deg: the range of the training images' poses, in which pitches are kept; None if it is
+    unknown.
+    """
+
+    def __init__(
+        self,
+        shaft: Shaft,
+        edges: FindEdges | None,
+        pitches_deg: tuple[float, float] | None = None,
+    ) -> None:
         self.shaft, self.edges = shaft, edges
+        self._pitches_deg = low, high = pitches_deg or (0.0, 180.0)
+        places = (np.arange(_STARTS) + 0.5) / _STARTS
+        self._starts_deg = None if pitches_deg is None else low + (high - low) * places
 
     def __call__(
         self,
@@ -69,76 +102,137 @@ class Refiner:
         """
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
-        fitted = self._fitted(found, wide, pictures, camera)
+        evidence = _Evidence(wide, pictures, camera)
+        fitted = self._fitted(found, evidence)
         if self.shaft.flat_tip:
             explained = list(fitted.above(_EXPLAINS).poses)
             starts = initial_poses_from_mask(wide, explained, self.shaft, camera)
             scores = np.full(len(starts), _MASK_ALONE)
             shown = Detections(starts[:, :4], scores, starts)
-            seen = self._fitted(shown, wide, pictures, camera)
-            fitted = _joined(fitted, seen)
+            fitted = _joined(fitted, self._fitted(shown, evidence))
         order = np.argsort(-fitted.scores, kind="stable")
-        return fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
+        kept = fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
+        return self._apart(kept, evidence)
 
-    def _fitted(
-        self,
-        found: Detections,
-        mask: NDArray[np.float32],
-        pictures: Sequence[NDArray[np.float32]],
-        camera: Camera,
-    ) -> FittedDetections:
+    def _fitted(self, found: Detections, evidence: _Evidence) -> FittedDetections:
         """All detections, with fitted poses where there are enough edges, and with new scores."""
-        poses, boxes = found.poses.copy(), found.boxes.copy()
-        deviations = np.full_like(poses, np.nan)
+        camera = evidence.camera
+        tips = np.array([tip_state(pose, camera) for pose in found.poses], dtype="<U7")
+        boxes, poses = found.boxes.copy(), found.poses.copy()
+        fitted = FittedDetections(boxes, found.scores, poses, np.full_like(poses, np.nan), tips)
         for row, start in enumerate(found.poses):
-            for fit in reversed(self._fits(start, mask, pictures, camera)):
-                points = shaft_contour(fit.pose, self.shaft, camera).points
-                if not len(points):  # the last step has led out of sight
-                    continue
-                poses[row] = fit.pose
-                deviations[row] = np.sqrt(np.diag(fit.covariance()))
-                if self.shaft.flat_tip:
-                    boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
-                break
-        scores = np.array(
-            [
-                supported(score, pose, mask, self.shaft, camera)
-                for score, pose in zip(found.scores, poses, strict=True)
-            ]
-        )
-        return FittedDetections(boxes, scores, poses, deviations)
+            self._fit_row(fitted, row, start, evidence, ())
+        rows = zip(found.scores, fitted.poses, strict=True)
+        scores = [supported(*row, evidence.mask, self.shaft, camera) for row in rows]
+        return replace(fitted, scores=np.array(scores))
 
-    def _fits(
+    def _apart(self, fitted: FittedDetections, evidence: _Evidence) -> FittedDetections:
+        """The same shafts; those that meet others are fitted again, without the edges on these."""
+        met = met_outlines(fitted.poses, self.shaft, evidence.camera)
+        for row, outlines in enumerate(met):
+            if outlines and np.isfinite(fitted.deviations[row]).all():
+                self._fit_row(fitted, row, fitted.poses[row], evidence, outlines)
+        return fitted
+
+    def _fit_row(
         self,
+        fitted: FittedDetections,
+        row: int,
         start: Array,
-        mask: NDArray[np.float32],
-        pictures: Sequence[NDArray[np.float32]],
-        camera: Camera,
-    ) -> list[Fit]:
+        evidence: _Evidence,
+        others: Sequence[Outline],
+    ) -> None:
+        """Replace a row by the last of the fits that is in sight, if there is one."""
+        camera = evidence.camera
+        for fit in reversed(self._fits(start, evidence, others)):
+            points = shaft_contour(fit.pose, self.shaft, camera).points
+            if not len(points):  # the last step has led out of sight
+                continue
+            fitted.poses[row] = fit.pose
+            least = _LEAST_ARC if self.edges is None else _LEAST_READ_ARC
+            fitted.tips[row] = tip_state(fit.pose, camera, fit.arc_information, least)
+            fitted.deviations[row] = _deviations(fit, fitted.tips[row], camera)
+            if self.shaft.flat_tip:
+                fitted.boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
+            return
+
+    def _fits(self, start: Array, evidence: _Evidence, others: Sequence[Outline]) -> list[Fit]:
         """The fit to the mask, followed by a fit to the edges of each picture in turn; failed ones
         are left out. Empty if the fit to the mask fails."""
-        on_mask = fit_pose(
-            start, self.shaft, camera, partial(mask_offsets, mask), _MASK_STAGES, _MASK_ERRORS,
-            np.diag(_NETWORK_PRIOR**-2),
-        )  # fmt: skip
+        search = leaving_out(others, partial(mask_offsets, evidence.mask))
+        on_mask = self._on_mask(start, search, evidence.camera)
         if on_mask is None:
             return []
         fits = [on_mask]
-        for picture in pictures if self.edges is not None else ():
-            if (fit := self._on_edges(picture, fits[-1], on_mask, camera)) is not None:
+        for picture in evidence.pictures if self.edges is not None else ():
+            fit = self._on_edges(picture, fits[-1], on_mask, evidence.camera, others)
+            if fit is not None:
                 fits.append(fit)
         return fits
 
     def _on_edges(
-        self, picture: NDArray[np.float32], start: Fit, prior: Fit, camera: Camera
+        self,
+        picture: NDArray[np.float32],
+        start: Fit,
+        prior: Fit,
+        camera: Camera,
+        others: Sequence[Outline],
     ) -> Fit | None:
         """The fit to the edges of a picture; the fit to the mask is the prior."""
         assert self.edges is not None
-        enlarged = camera.enlarged(picture.shape[1] // camera.width)
+        times = picture.shape[1] // camera.width
+        search = leaving_out(others, partial(self.edges, picture), times)
+        enlarged = camera.enlarged(times)
         return fit_pose(
-            start.pose, self.shaft, enlarged, partial(self.edges, picture), _EDGE_STAGES,
-            _READER_ERRORS, prior.information_in(enlarged), prior.pose,
+            start.pose, self.shaft, enlarged, search, _EDGE_STAGES, _READER_ERRORS,
+            prior.information_in(enlarged), prior.pose, self._pitches_deg,
         )  # fmt: skip
+
+    def _on_mask(self, start: Array, search: Search, camera: Camera) -> Fit | None:
+        """The best of the fits to the mask from several pitches, of which a network knows least."""
+        prior = np.diag(_NETWORK_PRIOR**-2)
+        pitches = start[3:4] if self._starts_deg is None else self._starts_deg
+        fits = [
+            fit_pose(
+                np.array([*start[:3], pitch, start[4]]), self.shaft, camera, search, _MASK_STAGES,
+                _MASK_ERRORS, prior, start, self._pitches_deg,
+            )
+            for pitch in pitches
+        ]  # fmt: skip
+        residuals = [
+            np.inf if fit is None else self._residual(fit.pose, search, camera) for fit in fits
+        ]
+        return fits[int(np.argmin(residuals))]
+
+    def _residual(self, pose: Array, search: Search, camera: Camera) -> float:
+        """The mean squared offset of a mask's edges along the contour of a pose, px^2."""
+        contour = shaft_contour(pose, self.shaft, camera)
+        offsets = search(contour, _RESIDUAL_PX)
+        weights = offsets.weights * contour.lengths
+        within = np.minimum(np.abs(offsets.px), _RESIDUAL_PX)
+        return float(weights @ within**2 / weights.sum()) if weights.sum() else np.inf
+
+
+def tip_state(
+    pose: Array, camera: Camera, arc_information: float = np.inf, least: float = 0.0
+) -> TipState:
+    """Whether the tip of a pose (5,) lies in the image, and there is an edge of an arc's shape.
+
+    arc_information: see `Fit`; least: of a seen tip.
+    """
+    if pose[2] <= 0 or not camera.border_px(camera.project(pose[:3])) > _AT_BORDER_PX:
+        return "outside"
+    return "seen" if arc_information >= least else "hidden"
+
+
+def _deviations(fit: Fit, tip: str, camera: Camera) -> Array:
+    """The standard deviations (5,) of a fitted pose, mm and deg. A tip that the image does not show
+    may lie elsewhere on the axis."""
+    covariance = fit.covariance()
+    if tip != "seen":
+        along_mm = _HIDDEN_PX * fit.pose[2] / camera.focal_px * axis_direction(*fit.pose[3:])
+        covariance[:3, :3] += np.outer(along_mm, along_mm)
+    return np.sqrt(np.diag(covariance))
 
 
 def _joined(detections: FittedDetections, more: FittedDetections) -> FittedDetections:
