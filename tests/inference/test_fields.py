@@ -6,7 +6,7 @@ import pytest
 
 from shaftpose.core.geometry import Camera, Disc
 from shaftpose.core.images import Image
-from shaftpose.inference.fields import Field, Picture, visible_field
+from shaftpose.inference.fields import Picture, VisibleField, visible_field
 
 WIDTH, HEIGHT = 532, 299
 
@@ -26,7 +26,7 @@ def round_picture(disc: Disc) -> Image:
 
 
 def test_a_full_frame_is_its_own_field() -> None:
-    assert visible_field(tissue()) == Field((0, 0, WIDTH, HEIGHT))
+    assert visible_field(tissue()) == VisibleField((0, 0, WIDTH, HEIGHT))
 
 
 def test_black_bars_are_no_part_of_the_field() -> None:
@@ -61,7 +61,7 @@ def test_a_picture_within_a_field_keeps_its_rays(times: int) -> None:
     camera = Camera(WIDTH, HEIGHT, 137.0, 260.0, 150.0)
     rgb = np.full((HEIGHT, WIDTH, 3), 100, np.uint8)
     fine = np.full((times * HEIGHT, times * WIDTH, 3), 100, np.uint8)
-    field = Field((60, 10, 440, 290), Disc(250.0, 150.0, 380.0))
+    field = VisibleField((60, 10, 440, 290), Disc(250.0, 150.0, 380.0))
     part = Picture(rgb, fine, camera).within(field)
     assert part.rgb.shape == (280, 380, 3)
     assert part.fine is not None and part.fine.shape == (280 * times, 380 * times, 3)

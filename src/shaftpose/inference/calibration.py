@@ -76,8 +76,10 @@ class Calibration:
         return np.asarray(pixels[:, 0] + 0.5, dtype=np.float64)
 
     def undistorted(self, focal_px: float) -> Camera:
-        """The pinhole camera of this focal length that sees as much of the frame as a rectangle
-        without black parts can: what a lens bends beyond its sides is cut.
+        """The pinhole camera of this focal length with the largest picture that the frame fills.
+
+        The frame's outline, curved once it is undistorted, encloses the picture; its corners may be
+        cut.
 
         Raises InputError if the camera does not look into its own frame.
         """

@@ -14,12 +14,12 @@ _LONG_PX = 240  # longer side of the image in which a field is looked for
 # Levels above the darkest ones that are no black border; compression blurs what is black.
 _ABOVE_BLACK, _LEAST_LEVEL, _MOST_LEVEL = 12, 18, 40
 _LEAST_SHARE = 0.05  # of the frame
-_BORDER_PX = 2.5  # outlines so near to the frame's border tell nothing
+_BORDER_PX = 2.5  # within this of the frame's border, an outline is the frame's, not the disc's
 _FULL = 0.97  # share of its bounding box that a rectangular field fills at least
 _TRIALS, _NEAR_PX, _LEAST_IOU = 60, 1.2, 0.95  # of the disc
 
 
-class Field(NamedTuple):
+class VisibleField(NamedTuple):
     """The visible part of an image. box: x0, y0, x1, y1 in whole px; disc: only what it covers of
     the box is visible, None for all of the box."""
 
@@ -35,7 +35,7 @@ class Picture(NamedTuple):
     fine: Image | None
     camera: Camera
 
-    def within(self, field: Field) -> "Picture":
+    def within(self, field: VisibleField) -> "Picture":
         """The picture of a field alone: cut to its box, and black outside its disc."""
         x0, y0, x1, y1 = field.box
         camera = replace(self.camera, field=field.disc).cropped(x0, y0, x1 - x0, y1 - y0)
@@ -58,7 +58,7 @@ def _darkened(rgb: Image, disc: Disc | None, times: int) -> Image:
     return np.asarray(cv2.bitwise_and(rgb, rgb, mask=inside), np.uint8)
 
 
-def visible_field(rgb: Image) -> Field | None:
+def visible_field(rgb: Image) -> VisibleField | None:
     """The field of an image (H, W, 3); None if nearly all of it is black.
 
     It is the largest bright region, made convex: dark organs belong to it, texts and panels in the
@@ -77,12 +77,12 @@ def visible_field(rgb: Image) -> Field | None:
     low, high = outline.min(axis=0), outline.max(axis=0) + 1
     box = _snapped(low * per_px, high * per_px, per_px, np.array([width, height]))
     if shown.sum() >= _FULL * np.prod(high - low):
-        return Field(box)
+        return VisibleField(box)
     disc = _disc(shown)
     if disc is None:
-        return Field(box)
+        return VisibleField(box)
     x, y = np.array([disc.x, disc.y]) * per_px
-    return Field(box, Disc(float(x), float(y), float(disc.diameter * per_px.mean())))
+    return VisibleField(box, Disc(float(x), float(y), float(disc.diameter * per_px.mean())))
 
 
 def _outline(level: NDArray[np.uint8]) -> NDArray[np.int32] | None:
@@ -108,8 +108,10 @@ def _snapped(low: Array, high: Array, per_px: Array, size: Array) -> tuple[int, 
 
 
 def _disc(shown: NDArray[np.uint8]) -> Disc | None:
-    """The disc whose visible part a region (h, w) is, by random triples of its outline's points;
-    None if it is of another shape."""
+    """The disc of which a region (h, w) is the visible part; None if it has another shape.
+
+    It is fitted to the outline's points near the best of many circles through three of them.
+    """
     height, width = shown.shape
     (outline, *_), _ = cv2.findContours(shown, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     points = outline[:, 0] + 0.5

@@ -164,8 +164,8 @@ class Predictor:
 
 
 def _seen_by(camera: Camera, found: Detections) -> Detections:
-    """Detections as a camera sees them whose axis does not meet the image's centre, as the model
-    assumes: the same tips in the image, at the same depths."""
+    """Move tips for a camera whose axis does not meet the image's centre, as the model assumes: to
+    the same pixels, at the same depths."""
     aside = np.array([camera.width / 2 - camera.cx, camera.height / 2 - camera.cy])
     poses = found.poses.copy()
     poses[:, :2] += aside * poses[:, 2:3] / camera.focal_px
