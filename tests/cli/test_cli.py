@@ -33,7 +33,7 @@ FIRST = {
     "score": 0.75, "box": [60.0, 20.1, 160.4, 220.7],
     "tip_px": [206.9, 136.3], "axis_px": [[206.9, 136.3], [165.9, 198.8]],
     "x_mm": 1.0, "y_mm": -2.0, "z_mm": 20.0, "pitch_deg": 70.0, "yaw_deg": 123.0, "metric": False,
-    "deviations": None, "track": None,
+    "tip": "seen", "deviations": None, "track": None,
 }  # fmt: skip
 CAMERA = """%YAML:1.0
 ---
@@ -339,7 +339,7 @@ def test_a_reader_who_has_enough_ends_the_command_quietly(model: Path, frame: Pa
         running.stdin.close()
         said = running.stderr.read()
     assert running.returncode == 1
-    assert re.fullmatch("warning: .*NOT METRIC.*\n", said)
+    assert re.fullmatch("warning: .*NOT METRIC.*\nwarning: .*central square.*\n", said)
 
 
 def test_a_model_of_a_registry_needs_mlflow(frame: Path, monkeypatch: pytest.MonkeyPatch) -> None:

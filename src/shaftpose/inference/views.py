@@ -4,7 +4,7 @@ The paper's networks see squares of a fixed size, networks of any size the whole
 """
 
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from typing import Protocol
 
 import cv2
@@ -23,6 +23,10 @@ _SAMPLES, _ONE_SAMPLE = 2, 1.5
 _FINEST = 3
 _LEAST_COVERED = 0.95
 _CACHED = 4  # views, of some MB each
+_SQUARES_ALONE = (
+    "this model sees squares: of other frames, it looks at the central square alone; name another "
+    "part by --crop"
+)
 _LEAST_PX, _LONGEST_ASPECT = 64, 4.0  # of frames that networks of any size see whole
 
 
@@ -225,17 +229,15 @@ def _shrunk(length: int, by: int) -> int:
 
 def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> Views:
     """Views of an unknown camera's frames: whole ones for a network of any size, else their central
-    squares, with a warning if the frames are no squares."""
+    squares. Of frames that are no squares, the first is warned of."""
+    warn_once = cache(partial(warn, _SQUARES_ALONE))
 
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int) -> View:
         if any_size:
             return whole_frame(width, height, model)
         if width != height:
-            warn(
-                f"frames of {width} x {height} px: this model sees squares, and looks at their "
-                "central square alone; name another part by --crop"
-            )
+            warn_once()
         return central_square(width, height, model)
 
     return view
