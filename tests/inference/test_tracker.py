@@ -122,3 +122,16 @@ def test_what_is_infinitely_far_or_no_number_has_no_partner() -> None:
 @pytest.mark.parametrize("shape", [(0, 0), (0, 3), (2, 0)])
 def test_nothing_has_no_pairs(shape: tuple[int, int]) -> None:
     assert nearest_pairs(np.zeros(shape), 1.0) == {}
+
+
+def test_a_shaft_whose_tip_is_not_seen_is_followed_across_its_axis() -> None:
+    """Its tip may lie 12 mm away along the axis; across it, the fit is as exact as ever."""
+    follow, across = tracker(), np.array([-np.sqrt(0.5), np.sqrt(0.5), 0.0])
+    for n in range(50):
+        tip = np.array([0.0, 0.0, 20.0]) + 5 * np.sin(n / 4) * across  # up to 31 mm / s
+        pose = ShaftPose.from_array(np.array([*tip, 60.0, 45.0]))
+        deviations = np.array([*(0.2 + 12 * abs(pose.direction)), 2.0, 1.0])
+        hidden = replace(shaft(0), pose=pose, tip="hidden", deviations=deviations)
+        (found,) = follow(frame(n), [hidden])
+        assert found.track == 1
+        assert abs((found.pose.tip_mm - tip) @ across) < 1.0

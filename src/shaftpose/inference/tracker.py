@@ -75,9 +75,14 @@ class ShaftTracker:
         )
 
     def _measured(self, shaft: FoundShaft) -> Measurement:
-        if shaft.deviations is not None:
+        unfitted = _UNFITTED * ([self._diameter_mm] * 3 + [1.0] * 2)
+        if shaft.deviations is None:
+            return Measurement(shaft.pose, unfitted)
+        if shaft.tip == "seen":
             return Measurement(shaft.pose, shaft.deviations)
-        return Measurement(shaft.pose, _UNFITTED * ([self._diameter_mm] * 3 + [1.0] * 2))
+        # The fit knows where the shaft is; only along the axis may its tip lie elsewhere.
+        along_mm = float(np.linalg.norm(shaft.deviations[:3]))
+        return Measurement(shaft.pose, np.minimum(shaft.deviations, unfitted), along_mm)
 
 
 def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) -> dict[int, int]:

@@ -17,14 +17,16 @@ _RADIAL = 1e-3  # standard deviation of the length of a measured axis; the lengt
 class Measurement:
     """A pose (tip in mm, unit vector along the axis) with its covariance (6, 6).
 
-    deviations: (5,) standard deviations of the pose, mm and deg.
+    deviations: (5,) standard deviations of the pose, mm and deg. along_mm: another one of the tip,
+    along the axis.
     """
 
-    def __init__(self, pose: ShaftPose, deviations: Array) -> None:
+    def __init__(self, pose: ShaftPose, deviations: Array, along_mm: float = 0.0) -> None:
         self.values = tip_and_axis(pose)
         turned = axis_derivatives(pose) * np.radians(deviations[3:])
         self.covariance = np.zeros((6, 6))
-        self.covariance[:3, :3] = np.diag(deviations[:3] ** 2)
+        along = along_mm * pose.direction
+        self.covariance[:3, :3] = np.diag(deviations[:3] ** 2) + np.outer(along, along)
         self.covariance[3:, 3:] = turned @ turned.T + _RADIAL**2 * np.eye(3)
 
 
