@@ -60,6 +60,7 @@ def test_a_model_that_is_not_there_is_named() -> None:
         ({"diameter_mm": 0.0}, "diameter_mm 0: give a number above 0"),
         ({"diameter_mm": float("inf")}, "diameter_mm inf"),
         ({"score": 1.5}, "score 1.5: give a number from 0 to 1"),
+        ({"crop": (0, 0, 400, 0)}, "give x, y, width and height"),
         ({"refine": "edge"}, "refine 'edge': give one of none, mask, edges"),
         ({"backend": "tensorrt"}, "backend 'tensorrt': give one of onnxruntime, openvino"),
     ],

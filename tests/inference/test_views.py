@@ -209,6 +209,17 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
         views(320, 240)
 
 
+def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
+    views = parts_of(known_camera(stated_view(95.0), MODEL, True, fail), (0, 0, 400, 60))
+    with pytest.raises(InputError, match="--crop 0,0,400,60: has 400 x 60 px"):
+        views(640, 480)
+
+
+def test_a_camera_that_sees_too_little_is_named() -> None:
+    with pytest.raises(InputError, match="has 42 x 23 px at the model's scale"):
+        known_camera(stated_view(10.0), MODEL, True, fail)(1920, 1080)
+
+
 def test_a_network_of_squares_says_that_it_sees_the_central_one() -> None:
     warnings: list[str] = []
     views = unknown_camera(MODEL, False, warnings.append)

@@ -49,7 +49,7 @@ def load(
     a warning if the camera or the shafts are unknown, and later ones about frames.
     Raises InputError naming the file or the option that cannot be used.
     """
-    _check(camera, view_deg, diameter_mm, score)
+    _check(camera, view_deg, diameter_mm, score, crop)
     _check_choice("refine", refine, get_args(Refinement))
     _check_choice("backend", backend, get_args(Backend))
     with model_file(None if model is None else str(model)) as path:
@@ -74,6 +74,7 @@ def _check(
     view_deg: float | None,
     diameter_mm: float | None,
     score: float | None,
+    crop: Crop | None,
 ) -> None:
     """Raise InputError if an option has a meaningless value."""
     if camera is not None and view_deg is not None:
@@ -84,6 +85,8 @@ def _check(
         raise InputError(f"diameter_mm {diameter_mm:g}: give a number above 0")
     if score is not None and not 0 <= score <= 1:
         raise InputError(f"score {score:g}: give a number from 0 to 1")
+    if crop is not None and (len(crop) != 4 or min(crop[2:]) < 1):
+        raise InputError(f"crop {crop}: give x, y, width and height, the last two above 0")
 
 
 def _check_choice(option: str, value: str, choices: Sequence[str]) -> None:

@@ -176,14 +176,18 @@ class Part:
 def parts_of(views: Views, part: Crop) -> Views:
     """Views of the same part of all frames; they raise InputError if it is not in the frame."""
     x, y, width, height = part
+    option = f"--crop {','.join(map(str, part))}"
 
     def view(frame_width: int, frame_height: int) -> View:
         if min(x, y) < 0 or x + width > frame_width or y + height > frame_height:
             raise InputError(
-                f"has {frame_width} x {frame_height} px, which do not hold --crop "
-                f"{','.join(map(str, part))} (x, y, width, height); name a part inside the frame"
+                f"has {frame_width} x {frame_height} px, which do not hold {option} "
+                "(x, y, width, height); name a part inside the frame"
             )
-        return Part(views(width, height), part)
+        try:
+            return Part(views(width, height), part)
+        except InputError as error:
+            raise InputError(f"{option}: {error}") from error
 
     return view
 
@@ -255,7 +259,13 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
         calibration = camera(width, height)
         if any_size:
             check_frame(width, height)
-            return Resampled(calibration, calibration.undistorted(model.focal_px))
+            pinhole = calibration.undistorted(model.focal_px)
+            if min(pinhole.width, pinhole.height) < _LEAST_PX:
+                raise InputError(
+                    f"has {pinhole.width} x {pinhole.height} px at the model's scale, which needs "
+                    f"{_LEAST_PX} a side: the camera's angle is too small; check the stated camera"
+                )
+            return Resampled(calibration, pinhole)
         resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
             warn(
