@@ -160,6 +160,7 @@ def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:
     found = Refiner(SHAFT._replace(flat_tip=False), None)(grey(mask), mask, start, CAMERA)
     assert np.array_equal(found.boxes, box)
     assert np.all(np.abs(found.poses[0, 3:] - POSES[0][3:]) < 1)
+    assert found.tips[0] == "seen"  # though no arc shows it
 
 
 def with_sure_edges(sure_of_tip: bool) -> FittedDetections:
@@ -182,6 +183,21 @@ def test_a_tip_without_a_sure_arc_is_hidden_and_may_lie_elsewhere_on_the_axis() 
     along_mm = 70 * POSES[0][2] / CAMERA.focal_px * axis_direction(*POSES[0][3:])
     np.testing.assert_allclose(grown, np.abs(along_mm), rtol=0.1)
     np.testing.assert_allclose(hidden.deviations[0, 3:], seen.deviations[0, 3:], rtol=0.5)
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_tip_is_as_clear_in_an_enlarged_image(times: int) -> None:
+    """Its blurred arc has the same information as a whole, thus less per px."""
+
+    def edges(rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
+        found = brightness_edges(rgb, contour, reach_px)
+        return Offsets(found.px, found.weights * (CAMERA.width / rgb.shape[1]) ** 2)
+
+    mask = soft_mask(POSES[0])
+    rgb = grey(mask)
+    fine = np.repeat(np.repeat(rgb, times, axis=0), times, axis=1)
+    start = detections(POSES[0] + 0.2 * OFF)
+    assert Refiner(SHAFT, edges)(rgb, mask, start, CAMERA, fine).tips[0] == "seen"
 
 
 def test_a_tip_beyond_the_border_is_outside() -> None:

@@ -78,6 +78,9 @@ class Refiner:
         pitches_deg: tuple[float, float] | None = None,
     ) -> None:
         self.shaft, self.edges = shaft, edges
+        self._least_arc = _LEAST_ARC if edges is None else _LEAST_READ_ARC
+        if not shaft.flat_tip:  # its contour has no arc
+            self._least_arc = 0.0
         self._pitches_deg = low, high = pitches_deg or (0.0, 180.0)
         places = (np.arange(_STARTS) + 0.5) / _STARTS
         self._starts_deg = None if pitches_deg is None else low + (high - low) * places
@@ -143,14 +146,15 @@ class Refiner:
         others: Sequence[Outline],
     ) -> None:
         """Replace a row by the last of the fits that is in sight, if there is one."""
-        camera = evidence.camera
-        for fit in reversed(self._fits(start, evidence, others)):
+        camera, fits = evidence.camera, self._fits(start, evidence, others)
+        for fit in reversed(fits):
             points = shaft_contour(fit.pose, self.shaft, camera).points
             if not len(points):  # the last step has led out of sight
                 continue
             fitted.poses[row] = fit.pose
-            least = _LEAST_ARC if self.edges is None else _LEAST_READ_ARC
-            fitted.tips[row] = tip_state(fit.pose, camera, fit.arc_information, least)
+            # In more pixels than the model's, each px of the same arc tells less.
+            arc_information = fits[:2][-1].arc_information
+            fitted.tips[row] = tip_state(fit.pose, camera, arc_information, self._least_arc)
             fitted.deviations[row] = _deviations(fit, fitted.tips[row], camera)
             if self.shaft.flat_tip:
                 fitted.boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
