@@ -186,6 +186,13 @@ def test_a_camera_is_stated_once(model: Path, frame: Path) -> None:
     assert ended.value.code == 2
 
 
+@pytest.mark.parametrize("crop", ["1,2,3", "a,b,c,d"])
+def test_a_part_is_four_numbers(crop: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["predict", "frame.png", "--crop", crop])
+    assert f"{crop} is not X,Y,W,H, four whole numbers" in capsys.readouterr().err
+
+
 def test_results_and_pictures_go_into_a_folder(
     model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

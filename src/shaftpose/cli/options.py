@@ -170,10 +170,10 @@ def _positive(text: str) -> int:
 
 
 def _crop(text: str) -> tuple[int, int, int, int]:
-    numbers = [int(number) for number in text.split(",")]
-    if len(numbers) != 4 or min(numbers[2:]) < 1:
+    numbers = text.split(",")
+    if len(numbers) != 4 or not all(number.isdecimal() for number in numbers):
         raise argparse.ArgumentTypeError(f"{text} is not X,Y,W,H, four whole numbers")
-    x, y, width, height = numbers
+    x, y, width, height = map(int, numbers)
     return x, y, width, height
 
 
