@@ -32,7 +32,7 @@ _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 # Least information per px of a seen tip's arc, from the mask and from the reader; a tip nearer to
 # the border than this is outside; and the standard deviation, along the axis, of a tip that is not
 # seen, px of the model's image. Measured on renders with and without occluders (docs/beyond.md).
-_LEAST_ARC, _LEAST_READ_ARC = 0.2, 55.0
+_LEAST_ARC, _LEAST_READ_ARC = 0.2, 25.0
 _AT_BORDER_PX, _HIDDEN_PX = 1.0, 70.0
 # Least score of a detection that explains the mask where it lies, and the score of a shaft that
 # only the mask shows (docs/beyond.md).
