@@ -62,6 +62,10 @@ def centre_square(image: Image, size_px: int) -> Image:
     height, width = image.shape[:2]
     side = min(height, width)
     top, left = (height - side) // 2, (width - side) // 2
-    square = image[top : top + side, left : left + side]
-    method = cv2.INTER_AREA if side > size_px else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(square, (size_px, size_px), interpolation=method), np.uint8)
+    return resized(image[top : top + side, left : left + side], size_px, size_px)
+
+
+def resized(image: Image, width: int, height: int) -> Image:
+    """An image (H, W, 3) or a mask (H, W) in another size, averaged if it shrinks."""
+    method = cv2.INTER_AREA if image.shape[1] > width else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, (width, height), interpolation=method), np.uint8)

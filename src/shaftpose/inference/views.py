@@ -12,7 +12,7 @@ import numpy as np
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, Camera
-from shaftpose.core.images import Image
+from shaftpose.core.images import Image, resized
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.calibration_files import FrameCamera
 
@@ -81,10 +81,8 @@ class Scaled:
 
     def _scaled(self, rgb: Image, times: int) -> Image:
         (x, y), (width, height) = self._corner.astype(int), self._size.astype(int)
-        size = times * self.camera.width, times * self.camera.height
-        method = cv2.INTER_AREA if width > size[0] else cv2.INTER_CUBIC
         part = rgb[y : y + height, x : x + width]
-        return np.asarray(cv2.resize(part, size, interpolation=method), np.uint8)
+        return resized(part, times * self.camera.width, times * self.camera.height)
 
 
 def central_square(width: int, height: int, model: Camera) -> Scaled:
