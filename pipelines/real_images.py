@@ -5,8 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.files import write_json
-from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.coco_folder import PARTS, copy_folder, write_stand_in
+from shaftpose.dataset.coco_folder import copy_folder, read_folder, write_stand_in
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.stand_in_sets import stand_in_sets
@@ -19,7 +18,7 @@ SCRATCH = Path("data/scratch")
 
 @stage
 def main(settings: Settings) -> None:
-    """Write `images/`, `train.json`, `test.json` and `about.json` to `out`."""
+    """Write `images/`, the COCO files of the parts and `about.json` to `out`."""
     out, source, rendered = settings.out, settings.real.source, SCRATCH / "stand-in"
     with alone_in(out, SCRATCH):
         out.mkdir(parents=True, exist_ok=True)
@@ -31,7 +30,7 @@ def main(settings: Settings) -> None:
         else:
             copy_folder(source, out)
         write_json(out / "about.json", asdict(AboutImages(REAL if source else STAND_IN)))
-    counts = {part: len(read_coco(out / f"{part}.json")) for part in PARTS}
+    counts = {part: len(images) for part, images in read_folder(out).items()}
     logging.getLogger(__name__).info("images %s are in %s", counts, out)
 
 

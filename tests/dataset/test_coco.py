@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.coco import check_masks, read_coco, write_coco
-from shaftpose.dataset.coco_images import SquareImage, load_square
+from shaftpose.dataset.coco_images import CocoTool, SquareImage, load_square
 from shaftpose.dataset.compressed_masks import CompressedMask
 from tests.dataset.coco_files import coco_content, complaint, write_dataset, write_image
 
@@ -190,6 +191,61 @@ def test_crowds_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptu
 def test_no_crowd_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_coco(write_dataset(tmp_path, coco_content()))
     assert caplog.text == ""
+
+
+def tools_content() -> dict[str, Any]:
+    """b.jpg shows a tool whose shaft is outlined and one whose shaft is not."""
+    content = coco_content()
+    content["categories"] = [{"id": 1, "name": "shaft"}, {"id": 7, "name": "tool"}]
+    first, second = content["annotations"]
+    first["category_id"] = 1
+    whole = {"image_id": 4, "category_id": 7, "bbox": [10, 5, 30, 30]}
+    square = [[10, 5, 40, 5, 40, 35, 10, 35]]
+    content["annotations"] = [
+        first,
+        whole | {"segmentation": square, "attributes": {"shaft": "outlined"}},
+        whole | {"segmentation": square},
+    ]
+    return content
+
+
+def test_annotations_of_the_category_tool_are_whole_tools(tmp_path: Path) -> None:
+    image = read_coco(write_dataset(tmp_path, tools_content()))[1]
+    expected = np.zeros((40, 60), dtype=bool)
+    expected[5:35, 10:40] = True
+    mask = CompressedMask.of(expected)
+    assert [shaft.box for shaft in image.instruments] == [(10, 5, 30, 35)]
+    assert image.tools == (CocoTool(mask, shaft_known=True), CocoTool(mask, shaft_known=False))
+
+
+def test_categories_of_other_names_are_shafts(tmp_path: Path) -> None:
+    content = tools_content()
+    content["categories"][1]["name"] = "grasper"
+    image = read_coco(write_dataset(tmp_path, content))[1]
+    assert (len(image.instruments), image.tools) == (3, ())
+
+
+def test_a_tool_without_a_mask_is_named(tmp_path: Path) -> None:
+    content = tools_content()
+    content["annotations"][2]["segmentation"] = []
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[2]: a `tool` without `segmentation`; add its polygons" in message
+
+
+def test_the_visible_field_is_the_hull_of_its_polygons(tmp_path: Path) -> None:
+    content = coco_content()
+    content["images"][0]["view"] = [[0, 0, 20, 0, 20, 40, 0, 40], [30, 10, 50, 20, 40, 21]]
+    a, b = read_coco(write_dataset(tmp_path, content))
+    assert a.field is None and b.field is not None
+    # The line 20, 0 to 50, 20 passes x = 30 at y = 6.7, 20, 40 to 50, 20 passes x = 40 at 26.7.
+    assert set(b.field) == {(0, 0), (20, 0), (50, 20), (20, 40), (0, 40)}
+
+
+def test_a_view_that_is_no_polygon_is_named(tmp_path: Path) -> None:
+    content = coco_content()
+    content["images"][0]["view"] = [[0, 0, 20, 0, 20]]
+    message = complaint(write_dataset(tmp_path, content))
+    assert "image images/b.jpg: a polygon of `view` is not x and y of three points" in message
 
 
 def test_a_shaft_without_a_mask_is_named_where_masks_are_needed(tmp_path: Path) -> None:

@@ -1,13 +1,20 @@
 """Folders of images without poses: rendered sets as a stand-in."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_json
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.coco_folder import write_stand_in
+from shaftpose.dataset.coco_folder import copy_folder, read_folder, write_stand_in
 from tests.core.small_shards import make_sample, write_shard
+from tests.dataset.coco_files import coco_content, write_dataset
 
 
 def test_a_stand_in_has_masks_in_its_test_images_alone(tmp_path: Path) -> None:
@@ -25,3 +32,37 @@ def test_a_stand_in_has_masks_in_its_test_images_alone(tmp_path: Path) -> None:
     for image, occluded in zip(test, (False, True), strict=True):
         assert all(instrument.mask is not None for instrument in image.instruments)
         assert {instrument.occluded for instrument in image.instruments} == {occluded}
+
+
+def three_parts(folder: Path) -> Path:
+    """Each part lists one image; that of `validation` shows a shaft without a mask."""
+    for part in ("train", "validation", "test"):
+        content = coco_content()
+        entry = content["images"].pop(1) | {"file_name": f"images/{part}.jpg"}
+        image = write_dataset(folder, coco_content()).parent / "images/a.jpg"
+        shutil.copyfile(image, folder / entry["file_name"])
+        shaft = {"image_id": entry["id"], "bbox": [10, 5, 20, 30]}
+        annotations = [shaft] if part == "validation" else []
+        write_json(folder / f"{part}.json", {"images": [entry], "annotations": annotations})
+    return folder
+
+
+def test_a_part_that_is_measured_needs_masks(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"validation\.json: the shaft of validation\.jpg"):
+        copy_folder(three_parts(tmp_path / "source"), tmp_path / "out")
+
+
+def test_a_validation_part_is_copied_where_there_is_one(tmp_path: Path) -> None:
+    source, out = three_parts(tmp_path / "source"), tmp_path / "out"
+    shutil.copyfile(source / "test.json", source / "validation.json")
+    with pytest.raises(InputError, match=r"is in validation\.json and in test\.json"):
+        copy_folder(source, out)
+    (source / "validation.json").unlink()
+    copy_folder(source, out)
+    assert list(read_folder(out)) == ["train", "test"]
+    content = json.loads((source / "test.json").read_text())
+    content["images"][0]["file_name"] = "images/validation.jpg"
+    write_json(source / "validation.json", content)
+    copy_folder(source, out)
+    names = {part: [i.path.name for i in images] for part, images in read_folder(out).items()}
+    assert names == {part: [f"{part}.jpg"] for part in ("train", "validation", "test")}

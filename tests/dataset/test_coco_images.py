@@ -1,6 +1,8 @@
 """Pixels of images without poses, and the crop to a square."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,8 +10,16 @@ from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import write_jpeg
+from shaftpose.core.instruments import TOOL, TOOL_OR_SHAFT, UNKNOWN
 from shaftpose.core.masks import mask_box
-from shaftpose.dataset.coco_images import CocoImage, CocoInstrument, load_square, read_pixels
+from shaftpose.dataset.coco_images import (
+    CocoImage,
+    CocoInstrument,
+    CocoTool,
+    load_frame,
+    load_square,
+    read_pixels,
+)
 from shaftpose.dataset.compressed_masks import CompressedMask
 from tests.dataset.coco_files import write_image
 
@@ -122,3 +132,77 @@ def test_axes_follow_the_central_square(tmp_path: Path) -> None:
     shaft = CocoInstrument((100.0, 10.0, 190.0, 60.0), None, occluded=False, axis=axis)
     square = load_square(CocoImage(tmp_path / "a.jpg", 200, 100, (shaft,)), 50)
     np.testing.assert_allclose(square.axes, [[[50, 10], [70, 30]]])
+
+
+def rectangle(x0: int, y0: int, x1: int, y1: int) -> NDArray[np.bool_]:
+    """A mask of 120 x 80 px."""
+    mask = np.zeros((80, 120), dtype=bool)
+    mask[y0:y1, x0:x1] = True
+    return mask
+
+
+def frame(folder: Path, **parts: Any) -> CocoImage:
+    write_image(folder / "frame.jpg", 120, 80)
+    return CocoImage(folder / "frame.jpg", 120, 80, **{"instruments": ()} | parts)
+
+
+def test_the_square_leaves_out_tools_whose_shaft_is_unknown(tmp_path: Path) -> None:
+    known = CocoTool(CompressedMask.of(rectangle(20, 0, 40, 80)), shaft_known=True)
+    unknown = CocoTool(CompressedMask.of(rectangle(60, 20, 80, 40)), shaft_known=False)
+    square = load_square(frame(tmp_path, tools=(known, unknown)), 80)
+    assert square.left_out is not None
+    # The square starts at column 20.
+    np.testing.assert_array_equal(square.left_out, rectangle(40, 20, 60, 40)[:, :80])
+    assert load_square(frame(tmp_path, tools=(known,)), 80).left_out is None
+
+
+def test_a_frame_tells_shafts_from_the_rest_of_tools(tmp_path: Path) -> None:
+    shaft = replace(masked(rectangle(0, 20, 60, 30)), axis=((60.0, 25.0), (0.0, 25.0)))
+    tools = (
+        CocoTool(CompressedMask.of(rectangle(100, 0, 120, 80)), shaft_known=False),
+        CocoTool(CompressedMask.of(rectangle(0, 20, 80, 30)), shaft_known=True),
+    )
+    loaded = load_frame(frame(tmp_path, instruments=(shaft,), tools=tools), 80)
+    expected = 1 * rectangle(0, 20, 60, 30)
+    expected[rectangle(60, 20, 80, 30)] = TOOL
+    expected[rectangle(100, 0, 120, 80)] = TOOL_OR_SHAFT
+    np.testing.assert_array_equal(loaded.instances, expected)
+    assert loaded.rgb.shape == (80, 120, 3)
+    assert loaded.tips_px.tolist() == [[60, 25]]
+    assert loaded.tails_px.tolist() == [[0, 25]]
+    assert loaded.field is None
+
+
+def test_a_frame_is_scaled_as_a_whole_and_never_enlarged(tmp_path: Path) -> None:
+    shaft = replace(masked(rectangle(20, 20, 60, 40)), axis=((60.0, 30.0), (np.nan, np.nan)))
+    whole = CocoTool(CompressedMask.of(rectangle(20, 20, 80, 40)), shaft_known=True)
+    corners = ((10.0, 0.0), (110.0, 0.0), (110.0, 80.0), (10.0, 80.0))
+    image = frame(tmp_path, instruments=(shaft,), tools=(whole,), field=corners)
+    half = load_frame(image, 40)
+    assert half.rgb.shape == (40, 60, 3)
+    assert half.boxes.tolist() == [[10, 10, 30, 20]]
+    np.testing.assert_array_equal(half.tips_px, [[30, 15]])
+    np.testing.assert_array_equal(half.tails_px, [[np.nan, np.nan]])
+    assert mask_box(half.instances == 1) == (10, 10, 30, 20)
+    assert mask_box(half.instances == TOOL) == (30, 10, 40, 20)
+    assert half.field is not None
+    assert mask_box(half.field) == (5, 0, 55, 40)
+    assert load_frame(image, 1000).rgb.shape == (80, 120, 3)
+
+
+def test_jaws_may_be_in_front_of_a_tip_where_no_tool_is_outlined(tmp_path: Path) -> None:
+    """A shaft 8 px wide, its tip at 60, 40: 2.5 widths are 20 px."""
+    shaft = replace(masked(rectangle(0, 36, 60, 44)), axis=((60.0, 40.0), (0.0, 40.0)))
+    instances = load_frame(frame(tmp_path, instruments=(shaft,)), 80).instances
+    assert mask_box(instances == 1) == (0, 36, 60, 44)
+    assert mask_box(instances == UNKNOWN) == (60, 20, 80, 60)  # half a disc
+    assert (instances == UNKNOWN).sum() == pytest.approx(np.pi * 20**2 / 2, rel=0.02)
+
+
+def test_crowds_and_shafts_without_a_mask_are_unknown_in_a_frame(tmp_path: Path) -> None:
+    parts = {"instruments": (box_only(10, 10, 30, 20),), "crowds": (box_only(50, 40, 70, 60),)}
+    loaded = load_frame(frame(tmp_path, **parts), 80)
+    expected = UNKNOWN * (1 * rectangle(10, 10, 30, 20) + rectangle(50, 40, 70, 60))
+    np.testing.assert_array_equal(loaded.instances, expected)
+    assert loaded.boxes.shape == (0, 4)
+    assert loaded.tips_px.shape == loaded.tails_px.shape == (0, 2)

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 
-UNKNOWN = 255  # in a map of instruments: a pixel whose instrument is not annotated
+# In a map of instruments, next to their numbers:
+TOOL = 254  # another part of an instrument, such as its jaws, and surely no shaft
+TOOL_OR_SHAFT = 253  # a pixel of an instrument whose shaft is not outlined
+UNKNOWN = 255  # a pixel of which nothing is known
 POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 
 
@@ -22,8 +25,8 @@ class Annotations:
 
     boxes: (G, 4) float.
     poses: (G, 5) float; None if they are unknown.
-    instances: (H, W), each pixel's instrument: 1, 2, ..., 0 for background, or `UNKNOWN`; None if
-    not requested.
+    instances: (H, W), each pixel's shaft: 1, 2, ..., 0 for background, `TOOL`, `TOOL_OR_SHAFT` or
+    `UNKNOWN`; None if not requested.
     tips_px: (G, 2), tips of instruments without poses, NaN where unknown.
     """
 

@@ -9,13 +9,21 @@ from dataclasses import asdict
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any
 
+import cv2
 import numpy as np
 import pydantic
 from pydantic import AliasPath, ConfigDict, Field
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
-from shaftpose.dataset.coco_images import UNKNOWN_POINT, CocoImage, CocoInstrument, SquareImage
+from shaftpose.dataset.coco_images import (
+    UNKNOWN_POINT,
+    CocoImage,
+    CocoInstrument,
+    CocoTool,
+    Point,
+    SquareImage,
+)
 from shaftpose.dataset.compressed_masks import CompressedMask
 from shaftpose.dataset.segmentation import read_segmentation
 from shaftpose.settings.parsing import parse
@@ -39,6 +47,7 @@ class _ImageEntry:
     file_name: str
     width: PositiveInt
     height: PositiveInt
+    view: list[list[_Number]] | None = None  # polygons of the visible field
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
@@ -47,29 +56,37 @@ class _Annotation:
 
     image_id: int
     bbox: Annotated[list[_Number], Field(min_length=4, max_length=4)]  # x, y, width, height
+    category_id: Any = None
     segmentation: Any = ()  # `read_segmentation` checks it
     iscrowd: bool = False
     occluded: Annotated[bool, Field(validation_alias=AliasPath("attributes", "occluded"))] = False
     tip: Annotated[_Point | None, Field(validation_alias=AliasPath("attributes", "tip"))] = None
     tail: Annotated[_Point | None, Field(validation_alias=AliasPath("attributes", "tail"))] = None
+    shaft: Annotated[Any, Field(validation_alias=AliasPath("attributes", "shaft"))] = None
 
 
 def read_coco(path: Path) -> list[CocoImage]:
     """The images of a COCO file, ordered by file name.
 
-    Treats every annotation except crowds as a shaft, whatever its category. Crowds (`iscrowd`: 1)
-    are several shafts in one box, or masks of CVAT's brush; a warning counts them.
+    Annotations of a category named `tool` are whole instruments. All others except crowds are
+    shafts, whatever their category. Crowds (`iscrowd`: 1) are several shafts in one box, or masks
+    of CVAT's brush; a warning counts them.
     Raises InputError naming the file and the entry if the file is missing or damaged or lists no
-    image, an entry lacks a value or holds a wrong one, an image is listed twice or missing, or a
-    box leaves its image by more than a pixel.
+    image, an entry lacks a value or holds a wrong one, an image is listed twice or missing, a tool
+    has no mask, or a box leaves its image by more than a pixel.
     """
     content = _read_json(path)
     entries = _image_entries(content["images"], path)
+    tool_ids = _tool_ids(content.get("categories"))
     shafts: defaultdict[int, list[CocoInstrument]] = defaultdict(list)
     crowds: defaultdict[int, list[CocoInstrument]] = defaultdict(list)
-    for annotation, instrument in _instruments(content["annotations"], entries, path):
-        group = crowds if annotation.iscrowd else shafts
-        group[annotation.image_id].append(instrument)
+    tools: defaultdict[int, list[CocoTool]] = defaultdict(list)
+    for annotation, instrument, where in _instruments(content["annotations"], entries, path):
+        if annotation.category_id in tool_ids:
+            tools[annotation.image_id].append(_tool(annotation, instrument, where))
+        else:
+            group = crowds if annotation.iscrowd else shafts
+            group[annotation.image_id].append(instrument)
     if crowds:
         log.warning(
             "%s: left out %d annotations with iscrowd 1, several shafts in one or masks of CVAT's "
@@ -78,7 +95,15 @@ def read_coco(path: Path) -> list[CocoImage]:
             sum(map(len, crowds.values())),
         )
     images = [
-        CocoImage(file, entry.width, entry.height, tuple(shafts[number]), tuple(crowds[number]))
+        CocoImage(
+            file,
+            entry.width,
+            entry.height,
+            instruments=tuple(shafts[number]),
+            crowds=tuple(crowds[number]),
+            tools=tuple(tools[number]),
+            field=_field(entry.view, f"{path}: image {entry.file_name}"),
+        )
         for number, (entry, file) in entries.items()
     ]
     return sorted(images, key=lambda image: image.path.name)
@@ -141,7 +166,8 @@ def _file_of(name: str, folder: Path, where: str) -> Path:
 
 def _instruments(
     annotations: list[Any], entries: Mapping[int, tuple[_ImageEntry, Path]], path: Path
-) -> Iterator[tuple[_Annotation, CocoInstrument]]:
+) -> Iterator[tuple[_Annotation, CocoInstrument, str]]:
+    """Annotations, what they outline, and where they are written."""
     for n, values in enumerate(annotations):
         where = f"{path}: annotations[{n}]"
         annotation = parse(_Annotation, values, f"{where}.")
@@ -151,7 +177,31 @@ def _instruments(
                 "list the image or remove the annotation"
             )
         entry, _ = entries[annotation.image_id]
-        yield annotation, _instrument(annotation, entry, where)
+        yield annotation, _instrument(annotation, entry, where), where
+
+
+def _tool_ids(categories: Any) -> list[Any]:
+    entries = categories if isinstance(categories, list) else []
+    return [e.get("id") for e in entries if isinstance(e, dict) and e.get("name") == "tool"]
+
+
+def _tool(annotation: _Annotation, whole: CocoInstrument, where: str) -> CocoTool:
+    if whole.mask is None:
+        raise InputError(
+            f"{where}: a `tool` without `segmentation`; add its polygons, or name its category "
+            "`shaft`"
+        )
+    return CocoTool(whole.mask, shaft_known=annotation.shaft == "outlined")
+
+
+def _field(view: list[list[float]] | None, where: str) -> tuple[Point, ...] | None:
+    """The convex hull of the polygons x, y, x, y, ... of a visible field."""
+    if not view:
+        return None
+    if any(len(polygon) % 2 or len(polygon) < 6 for polygon in view):
+        raise InputError(f"{where}: a polygon of `view` is not x and y of three points or more")
+    points = np.concatenate(view, dtype=np.float32).reshape(-1, 1, 2)
+    return tuple((float(x), float(y)) for x, y in cv2.convexHull(points)[:, 0])
 
 
 def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> CocoInstrument:

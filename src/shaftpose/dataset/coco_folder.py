@@ -1,10 +1,12 @@
 """The folder of images without poses: the user's, checked and copied, or a rendered stand-in.
 
-It holds `images/`, `train.json` and `test.json`. The test images have masks.
+It holds `images/`, `train.json`, `test.json` and perhaps `validation.json`. The shafts of the last
+two have masks.
 """
 
 import shutil
 from collections.abc import Iterator
+from itertools import chain, combinations
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
@@ -13,32 +15,51 @@ from shaftpose.core.geometry import projected_axes
 from shaftpose.core.images import write_jpeg
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import check_masks, read_coco, write_coco
-from shaftpose.dataset.coco_images import SquareImage, read_pixels
+from shaftpose.dataset.coco_images import CocoImage, SquareImage, read_pixels
 
-PARTS = ("train", "test")
+PARTS = ("train", "validation", "test")
 
 
 def copy_folder(source: Path, out: Path) -> None:
     """Copy the images and COCO files of `source` to `out`.
 
-    Raises InputError if one of them is damaged, a test image lacks a mask, or an image is in both
-    parts.
+    Raises InputError if one of them is damaged, a shaft of a part that is measured lacks a mask, or
+    an image is in two parts.
     """
-    train, test = [read_coco(source / f"{part}.json") for part in PARTS]
-    check_masks(test, source / "test.json")
-    shared = {image.path for image in train} & {image.path for image in test}
-    if shared:
-        raise InputError(
-            f"{source}: {min(shared).name} is in train.json and in test.json; "
-            "keep it in one of them"
-        )
-    for image in train + test:
+    parts = read_folder(source)
+    for part in parts.keys() - {"train"}:
+        check_masks(parts[part], source / f"{part}.json")
+    _check_apart(parts, source)
+    for image in chain(*parts.values()):
         read_pixels(image)
-        with new_file(out / image.path.relative_to(source)) as target:
-            shutil.copyfile(image.path, target)
-    for part in PARTS:
-        with new_file(out / f"{part}.json") as target:
-            shutil.copyfile(source / f"{part}.json", target)
+        _copy(image.path, out / image.path.relative_to(source))
+    for part in parts:
+        _copy(source / f"{part}.json", out / f"{part}.json")
+
+
+def read_folder(folder: Path) -> dict[str, list[CocoImage]]:
+    """The images of each part of a folder; `validation` only if its file exists."""
+    files = {part: folder / f"{part}.json" for part in PARTS}
+    return {
+        part: read_coco(path)
+        for part, path in files.items()
+        if part != "validation" or path.exists()
+    }
+
+
+def _check_apart(parts: dict[str, list[CocoImage]], source: Path) -> None:
+    for one, other in combinations(parts, 2):
+        shared = {image.path for image in parts[one]} & {image.path for image in parts[other]}
+        if shared:
+            raise InputError(
+                f"{source}: {min(shared).name} is in {one}.json and in {other}.json; "
+                "keep it in one of them"
+            )
+
+
+def _copy(source: Path, target: Path) -> None:
+    with new_file(target) as path:
+        shutil.copyfile(source, path)
 
 
 def write_stand_in(rendered: Path, out: Path) -> None:

@@ -1,5 +1,6 @@
-"""Images annotated without poses, and their central squares as the networks see them."""
+"""Images annotated without poses: their central squares, and whole frames for training."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import Image, centre_square, read_rgb
+from shaftpose.core.images import Image, centre_square, read_rgb, resized
+from shaftpose.core.instruments import TOOL, TOOL_OR_SHAFT, UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.compressed_masks import CompressedMask
 
 Point = tuple[float, float]
 UNKNOWN_POINT: Point = (np.nan, np.nan)
+_JAWS_WIDTHS = 2.5  # widths of a shaft by which its jaws, not outlined, may reach beyond its tip
 
 
 @dataclass(frozen=True)
@@ -30,10 +33,22 @@ class CocoInstrument:
 
 
 @dataclass(frozen=True)
-class CocoImage:
-    """One image file and its instruments.
+class CocoTool:
+    """One whole instrument: shaft, wrist and jaws.
 
-    crowds: boxes that each hold several instruments; they have no masks.
+    mask: of the file's size. shaft_known: whether its shaft is one of the image's instruments.
+    """
+
+    mask: CompressedMask
+    shaft_known: bool
+
+
+@dataclass(frozen=True)
+class CocoImage:
+    """One image file and its shafts, `instruments`.
+
+    crowds: boxes that each hold several shafts; they have no masks. tools: whole instruments, where
+    the file outlines them. field: corners of the visible field, px; None if it is not stated.
     """
 
     path: Path
@@ -41,6 +56,8 @@ class CocoImage:
     height: int
     instruments: tuple[CocoInstrument, ...]
     crowds: tuple[CocoInstrument, ...] = ()
+    tools: tuple[CocoTool, ...] = ()
+    field: tuple[Point, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -48,8 +65,8 @@ class SquareImage:
     """A square image without poses, as the networks see it.
 
     rgb: (S, S, 3); boxes: (G, 4) px; masks: G of (S, S); axes: (G, 2, 2) px, NaN where unknown;
-    occluded: whether one of the instruments is; left_out: (S, S), the pixels of dropped instruments
-    and of the boxes of crowds, None if there are none.
+    occluded: whether one of the instruments is; left_out: (S, S), the pixels of dropped
+    instruments, of the boxes of crowds and of tools whose shaft is unknown, None if there are none.
     """
 
     rgb: Image
@@ -84,6 +101,9 @@ def load_square(image: CocoImage, size_px: int) -> SquareImage:
     left_out = np.zeros((size_px, size_px), dtype=bool)
     for crowd in image.crowds:
         left_out |= _pixels(crowd, image, size_px)
+    for tool in image.tools:
+        if not tool.shaft_known:
+            left_out |= centre_square(tool.mask.pixels(), size_px).astype(bool)
     side, corner = _central_square(image)
     for instrument in image.instruments:
         part = _in_square(instrument, image, size_px)
@@ -112,13 +132,17 @@ def _central_square(image: CocoImage) -> tuple[int, NDArray[np.int64]]:
 
 def _pixels(instrument: CocoInstrument, image: CocoImage, size_px: int) -> NDArray[np.bool_]:
     """The pixels (S, S) of an instrument in the resized square, of its box if it has no mask."""
+    return centre_square(covered(instrument, image), size_px).astype(bool)
+
+
+def covered(instrument: CocoInstrument, image: CocoImage) -> NDArray[np.uint8]:
+    """The pixels (H, W) of an instrument of an image, 1 inside; of its box if it has no mask."""
     if instrument.mask is not None:
-        whole = instrument.mask.pixels()
-    else:
-        x0, y0, x1, y1 = np.rint(instrument.box).astype(int)
-        whole = np.zeros((image.height, image.width), dtype=np.uint8)
-        whole[y0:y1, x0:x1] = 1
-    return centre_square(whole, size_px).astype(bool)
+        return instrument.mask.pixels()
+    x0, y0, x1, y1 = np.rint(instrument.box).astype(int)
+    whole = np.zeros((image.height, image.width), dtype=np.uint8)
+    whole[y0:y1, x0:x1] = 1
+    return whole
 
 
 def _in_square(
@@ -135,3 +159,90 @@ def _in_square(
     cut = centre_square(instrument.mask.pixels(), side)
     mask = centre_square(cut, size_px).astype(bool)
     return (np.array(mask_box(cut.astype(bool))) * size_px / side, mask) if mask.any() else None
+
+
+@dataclass(frozen=True)
+class FrameImage:
+    """A whole frame without poses, scaled for training.
+
+    rgb: (h, w, 3). instances: (h, w), each pixel's shaft, 1, 2, ..., G; 0 for background, `TOOL`,
+    `TOOL_OR_SHAFT` or `UNKNOWN`. boxes: (G, 4) px; tips_px, tails_px: (G, 2) px, NaN where
+    unknown. field: (h, w), the visible field, None if it is not stated.
+    """
+
+    rgb: Image
+    instances: NDArray[np.uint8]
+    boxes: NDArray[np.float64]
+    tips_px: NDArray[np.float64]
+    tails_px: NDArray[np.float64]
+    field: NDArray[np.bool_] | None
+
+
+def load_frame(image: CocoImage, short_px: int) -> FrameImage:
+    """The whole frame, its shorter side scaled down to `short_px`; smaller frames keep their size.
+
+    Shafts without a mask are no rows of the arrays; their boxes are `UNKNOWN`, as those of crowds.
+    Where no whole tools are outlined, the pixels in front of tips are `UNKNOWN`: jaws may be there.
+    """
+    rgb = read_pixels(image)
+    shrink = min(1.0, short_px / min(image.width, image.height))
+    width, height = round(image.width * shrink), round(image.height * shrink)
+    scale = np.array([width / image.width, height / image.height])
+    shafts = [shaft for shaft in image.instruments if shaft.mask is not None]
+    axes = np.array([shaft.axis for shaft in shafts]).reshape(-1, 2, 2) * scale
+    return FrameImage(
+        rgb=resized(rgb, width, height),
+        instances=_frame_instances(image, shafts, axes[:, 0], (height, width)),
+        boxes=np.array([shaft.box for shaft in shafts]).reshape(-1, 4) * np.tile(scale, 2),
+        tips_px=axes[:, 0],
+        tails_px=axes[:, 1],
+        field=None
+        if image.field is None
+        else _inside(np.array(image.field) * scale, (height, width)),
+    )
+
+
+def _frame_instances(
+    image: CocoImage,
+    shafts: Sequence[CocoInstrument],
+    tips_px: NDArray[np.float64],
+    size: tuple[int, int],
+) -> NDArray[np.uint8]:
+    """The map (h, w) of a frame scaled to `size`: what is surer is drawn later."""
+
+    def scaled(mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        return resized(mask, size[1], size[0]).astype(bool)
+
+    masks = [scaled(covered(shaft, image)) for shaft in shafts]
+    instances = np.zeros(size, dtype=np.uint8)
+    if not image.tools:
+        for mask, tip in zip(masks, tips_px, strict=True):
+            instances[_in_front(mask, tip)] = UNKNOWN
+    for tool in sorted(image.tools, key=lambda tool: not tool.shaft_known):
+        instances[scaled(tool.mask.pixels())] = TOOL if tool.shaft_known else TOOL_OR_SHAFT
+    for number, mask in enumerate(masks, 1):
+        instances[mask] = number
+    for unknown in [*image.crowds, *(s for s in image.instruments if s.mask is None)]:
+        instances[scaled(covered(unknown, image))] = UNKNOWN
+    return instances
+
+
+def _inside(polygon: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """The pixels of an image of `size` (h, w) inside a polygon (N, 2), px."""
+    return CompressedMask.union([polygon.ravel()], size).pixels().astype(bool)
+
+
+def _in_front(mask: NDArray[np.bool_], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The pixels (h, w) in front of a tip, no farther from it than 2.5 widths of its shaft.
+
+    The mask's centroid lies half a length behind the tip. None if the tip is NaN or the mask empty.
+    """
+    rows, columns = np.nonzero(mask)
+    if not len(rows) or np.isnan(tip).any():
+        return np.zeros_like(mask)
+    forward = tip - np.array([columns.mean(), rows.mean()]) - 0.5
+    half_length = max(float(np.hypot(*forward)), 1.0)
+    width = len(rows) / (2 * half_length)
+    y, x = np.indices(mask.shape) + 0.5
+    x, y = x - tip[0], y - tip[1]
+    return (x * forward[0] + y * forward[1] > 0) & (np.hypot(x, y) <= _JAWS_WIDTHS * width)
