@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.machine import machine
 from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
-from benchmarks.rendering.common import PROFILE, ROOT, default_set
+from benchmarks.rendering.common import PROFILE, ROOT, SAMPLES, default_set
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
@@ -93,7 +93,7 @@ def _result(rendered: RenderedSet, counts: Counts, found: dict[str, Any]) -> dic
             "profile": PROFILE,
             "seed": rendered.seed,
             "backgrounds": len(rendered.backgrounds),
-            "samples": rendered.settings.samples,
+            "samples": SAMPLES,
             "jpeg_quality": rendered.settings.jpeg_quality,
         },
         "counts": asdict(counts),

@@ -25,7 +25,7 @@ SIZES = {"PB": 10**15, "TB": 10**12, "GB": 10**9, "MB": 10**6, "kB": 10**3, "byt
 
 @dataclass(frozen=True)
 class Settings:
-    """Default quality settings."""
+    """The quality of the measured images."""
 
     samples: PositiveInt
 
@@ -122,7 +122,7 @@ def aims_table(measured: Measured) -> str:
         [f"`{key}`: {aim.title}", str(aim), f"{values[key]:.4g}", aim.verdict(values[key])]
         for key, aim in AIMS.items()
     ]
-    heading = f"At {measured.settings.samples} samples per pixel, the default:"
+    heading = f"At {measured.settings.samples} samples per pixel:"
     return f"{heading}\n\n{pipe_table(['what', 'aim', 'measured', ''], rows)}"
 
 

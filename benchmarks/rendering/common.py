@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 SCRATCH = ROOT / "data/scratch/bench"
-PROFILE = "demo"  # its quality is the default
+PROFILE = "demo"
+SAMPLES = 6  # per pixel; fixed, so that results of all versions compare
 SEED = 2020
 _SOURCES, _VARIATIONS = 25, 4
 
@@ -36,11 +37,18 @@ def default_settings() -> Settings:
 
 
 def default_set() -> RenderedSet:
-    """The default settings with procedural backgrounds; each part sets the number of images."""
+    """The default settings at `SAMPLES`, with procedural backgrounds; each part sets the number of
+    images."""
     settings = default_settings()
     rendering = replace(settings.rendering, device="cpu")
     backgrounds = _backgrounds(settings.backgrounds, rendering.camera.size_px)
-    return RenderedSet(rendering, backgrounds, SEED, images=1, images_per_shard=1)
+    rendered = RenderedSet(rendering, backgrounds, SEED, images=1, images_per_shard=1)
+    return with_samples(rendered, SAMPLES)
+
+
+def with_samples(rendered: RenderedSet, samples: int) -> RenderedSet:
+    """The set with this number of samples per pixel in all images."""
+    return replace(rendered, settings=replace(rendered.settings, samples=(samples, samples)))
 
 
 def _backgrounds(settings: BackgroundSettings, size_px: int) -> dict[Path, str]:

@@ -1,7 +1,7 @@
 """Time profile of one image."""
 
 from cProfile import Profile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -10,7 +10,13 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
-from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
+from benchmarks.rendering.common import (
+    SAMPLES,
+    SCRATCH,
+    in_processes,
+    quiet_generator,
+    with_samples,
+)
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.rendering.rendered_set import RenderedSet
 
@@ -47,8 +53,7 @@ def measure(rendered: RenderedSet, images: int) -> dict[str, Any]:
     Blender does not report the time of path tracing. It is the extra time of a set with more
     samples, scaled to the set's own number of samples.
     """
-    samples = rendered.settings.samples
-    more = replace(rendered, settings=replace(rendered.settings, samples=_MORE * samples))
+    more = with_samples(rendered, _MORE * SAMPLES)
     own, longer = in_processes(_profile, [Task(rendered, images), Task(more, images)], at_once=1)
     tracing = (longer["rendering"] - own["rendering"]) / (_MORE - 1)
     rendering = own.pop("rendering")

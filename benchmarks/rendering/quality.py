@@ -1,7 +1,7 @@
 """Image quality relative to a reference with very many samples, and its cost."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.rendering.common import SCRATCH, in_processes, quiet_generator
+from benchmarks.rendering.common import (
+    SAMPLES,
+    SCRATCH,
+    in_processes,
+    quiet_generator,
+    with_samples,
+)
 from shaftpose.core.samples import Sample
 from shaftpose.rendering.rendered_set import RenderedSet
 
@@ -34,24 +40,19 @@ def measure(
 ) -> dict[str, Any]:
     """Median PSNR over `poses` images inside the visible masks, before JPEG compression, by number
     of samples, with the median seconds per image on one core."""
-    references = _references(_with_samples(rendered, reference_samples), poses)
-    default = rendered.settings.samples
+    references = _references(with_samples(rendered, reference_samples), poses)
     tasks = [
-        Task(_with_samples(rendered, samples), range(poses), references)
-        for samples in sorted({*sample_counts, default})
+        Task(with_samples(rendered, samples), range(poses), references)
+        for samples in sorted({*sample_counts, SAMPLES})
     ]
     curve = in_processes(_compare, tasks, at_once=1)
-    (own,) = (point for point in curve if point["samples"] == default)
+    (own,) = (point for point in curve if point["samples"] == SAMPLES)
     return {
         "psnr_db": own["psnr_db"],
         "curve": curve,
         "poses": poses,
         "reference_samples": reference_samples,
     }
-
-
-def _with_samples(rendered: RenderedSet, samples: int) -> RenderedSet:
-    return replace(rendered, settings=replace(rendered.settings, samples=samples))
 
 
 def _references(rendered: RenderedSet, poses: int) -> Path:
@@ -80,7 +81,7 @@ def _compare(task: Task) -> dict[str, Any]:
             found.append(psnr_db(sample.rgb, reference["rgb"], reference["mask"]))
         seconds.append(taken)
     return {
-        "samples": task.rendered.settings.samples,
+        "samples": task.rendered.settings.samples[0],
         "psnr_db": median(found),
         "psnr_db_least": min(found),
         "seconds": median(seconds),

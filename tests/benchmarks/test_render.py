@@ -93,7 +93,7 @@ def test_the_throughput_of_one_and_of_two_workers_by_hand() -> None:
 def rendered(tmp_path: Path) -> RenderedSet:
     """A set with many rejected draws: lumps of tissue must hide a given share."""
     hiding = {"occluder_probability": 1.0, "occluder_coverage": (0.2, 0.5)}
-    settings = with_scene(replace(default_settings().rendering, samples=1), hiding)
+    settings = with_scene(replace(default_settings().rendering, samples=(1, 1)), hiding)
     size = settings.camera.size_px
     background = tmp_path / "background.jpg"
     write_jpeg(np.full((size, size, 3), 90, dtype=np.uint8), background)

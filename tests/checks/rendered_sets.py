@@ -36,7 +36,7 @@ def settings() -> RenderSettings:
     """The repository's own settings."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
-    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": 95}, "params.yaml: ")
+    return parse(RenderSettings, {**parts, "samples": (2, 4), "jpeg_quality": 95}, "params.yaml: ")
 
 
 def silhouettes(poses: Sequence[ShaftPose], camera: Camera = CAMERA) -> list[NDArray[np.bool_]]:
@@ -80,6 +80,7 @@ def sample(
             ],
             "occluders": [],
             "tries": 4 * max(len(poses), 1),
+            "samples": 3,
         }
         | described,
     )

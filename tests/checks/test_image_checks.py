@@ -122,6 +122,8 @@ def test_a_sound_image_passes(pair: ExpectedSet) -> None:
          "background = 'x.jpg': not among the backgrounds of this set"),
         ("shaft.json", lambda c: c.update(source="tissue-1"),
          "source = 'tissue-1': the library has 'tissue-0' for 000000.jpg"),
+        ("shaft.json", lambda c: c.update(samples=5),
+         "samples = 5: outside the profile's samples = [2, 4]"),
         ("shaft.json", lambda c: c.pop("tries"),
          "shaft.json: tries"),
         ("shaft.json", lambda c: c["steels"].pop(),

@@ -79,7 +79,7 @@ def lone_client() -> Iterator[Client]:
 
 @pytest.fixture(scope="module")
 def rendered(settings: RenderSettings, backgrounds: Mapping[Path, str]) -> RenderedSet:
-    return RenderedSet(replace(settings, samples=2), backgrounds, 17, IMAGES, PER_SHARD)
+    return RenderedSet(replace(settings, samples=(2, 2)), backgrounds, 17, IMAGES, PER_SHARD)
 
 
 def render(rendered: RenderedSet, folder: Path, client: Client, hang_s: float = PATIENCE_S) -> None:
@@ -606,7 +606,7 @@ def seed_showing(settings: RenderSettings, first: Path, second: Path) -> int:
 def one_image_per_shard(settings: RenderSettings, first: Path, second: Path) -> RenderedSet:
     seed = seed_showing(settings, first, second)
     sources = {path: path.name for path in sorted((first, second))}
-    return RenderedSet(replace(settings, samples=1), sources, seed, 2, 1)
+    return RenderedSet(replace(settings, samples=(1, 1)), sources, seed, 2, 1)
 
 
 def test_a_failing_shard_names_the_file_and_keeps_finished_shards(

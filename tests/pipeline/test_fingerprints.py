@@ -164,7 +164,7 @@ def another(name: str, value: Any) -> Any:
     first, *others = value
     if others and first < others[-1]:  # a range
         return [first + type(first)(1 if isinstance(first, int) else 0.1), *others]
-    return [*value[:-1], value[-1] + 0.1]
+    return [*value[:-1], value[-1] + (1 if isinstance(value[-1], int) else 0.1)]
 
 
 def leaves(part: object, prefix: str = "") -> Iterator[str]:

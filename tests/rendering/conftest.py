@@ -27,11 +27,11 @@ IMAGES = 10
 
 @pytest.fixture(scope="session")
 def settings() -> RenderSettings:
-    """The repository's settings at two samples."""
+    """The repository's settings at one to four samples."""
     values = yaml.safe_load((ROOT / "params.yaml").read_text())
     parts = {name: values[name] for name in ("camera", "poses", "shaft", "scene", "lens")}
-    quality = values["render"]["jpeg_quality"]
-    return parse(RenderSettings, {**parts, "samples": 2, "jpeg_quality": quality}, "params.yaml: ")
+    quality = {"samples": (1, 4), "jpeg_quality": values["render"]["jpeg_quality"]}
+    return parse(RenderSettings, parts | quality, "params.yaml: ")
 
 
 @pytest.fixture(scope="session")

@@ -100,6 +100,18 @@ def test_closed_jaws_are_narrower_than_the_shaft(
     assert openings[shares > 0.8].min() >= 15 > openings.min()
 
 
+def test_numbers_of_samples_are_log_uniform(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    drawn = scenes(replace(settings, samples=(4, 32)), backgrounds, images=200)
+    numbers = np.array([scene.samples for scene in drawn])
+    assert 4 <= numbers.min() <= 5 and 28 <= numbers.max() <= 32
+    # sqrt(4 * 32) = 11.3: as many numbers below as above.
+    assert np.mean(numbers <= 11) == pytest.approx(0.5, abs=0.1)
+    always = scenes(replace(settings, samples=(6, 6)), backgrounds)
+    assert {scene.samples for scene in always} == {6}
+
+
 def test_cameras_lie_within_their_ranges(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:

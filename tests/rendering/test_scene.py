@@ -30,7 +30,8 @@ def test_the_papers_setting_states_no_option(
     settings: RenderSettings, backgrounds: Mapping[Path, str], camera: Camera
 ) -> None:
     for scene in scenes(settings, backgrounds):
-        assert scene.description().keys() == {"light", "steels", "occluders", "lens", "tries"}
+        stated = {"light", "steels", "occluders", "lens", "tries", "samples"}
+        assert scene.description().keys() == stated
         assert scene.description()["lens"].keys() == {"blur_px", "haze", "vignette", "noise"}
         for steel in scene.description()["steels"]:
             assert steel.keys() == {"grey", "roughness", "scratches", "grain"}

@@ -143,6 +143,16 @@ def test_an_option_leaves_the_draws_of_everything_else(
     assert changed == {decided}
 
 
+def test_the_range_of_samples_decides_nothing_else(
+    settings: RenderSettings, backgrounds: Mapping[Path, str]
+) -> None:
+    few, many = (
+        scenes(replace(settings, samples=ends), backgrounds) for ends in ((6, 6), (20, 90))
+    )
+    assert all(one.samples < other.samples for one, other in zip(few, many, strict=True))
+    assert few == [replace(scene, samples=6) for scene in many]
+
+
 def test_an_option_leaves_the_later_candidates_of_an_image(
     settings: RenderSettings, backgrounds: Mapping[Path, str]
 ) -> None:

@@ -42,6 +42,7 @@ def check_image(
         *_lens(image.camera, camera, settings.lens),
         *_background(image.scene, backgrounds),
         *_count(image.scene, settings.scene),
+        *_samples(image.scene.samples, settings.samples),
         *_chances(image.scene, settings.scene),
         *shaft_problems(image, settings, camera, body),
         *silhouette_problems(image, camera, depths, ious),
@@ -69,6 +70,12 @@ def _count(found: SceneFile, scene: SceneSettings) -> Iterator[str]:
     if not fewest <= shafts <= most:
         more = f" plus {found.crossing} crossing" if found.crossing else ""
         yield f"shafts = {shafts}{more}: outside scene.instruments = [{fewest}, {most}]"
+
+
+def _samples(found: int, ends: tuple[int, int]) -> Iterator[str]:
+    low, high = ends
+    if not low <= found <= high:
+        yield f"samples = {found}: outside the profile's samples = [{low}, {high}]"
 
 
 def _chances(found: SceneFile, scene: SceneSettings) -> Iterator[str]:

@@ -41,6 +41,7 @@ class SceneFile:
     seed: Count
     index: Count
     tries: Count
+    samples: Count
     rolls_deg: list[float] | None = None
     crossing: Count = 0
     jaws: list[Any] = field(default_factory=list)  # one per shaft, None where there are none

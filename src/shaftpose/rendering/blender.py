@@ -46,10 +46,9 @@ class Renderer:
 
     def __init__(self, settings: RenderSettings) -> None:
         self._pinhole = pinhole_behind(settings)
-        self._samples = settings.samples
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._scene = bpy.context.scene
-        set_up_cycles(self._scene, self._pinhole.width, settings.samples)
+        set_up_cycles(self._scene, self._pinhole.width, settings.samples[1])
         use_device(self._scene, settings.device)
         self._surroundings = Surroundings(self._scene, settings, self._pinhole)
         self._shafts = Shafts(self._scene, instrument_shape(settings.shaft))
@@ -66,7 +65,7 @@ class Renderer:
         self._unannotated.clear()
         self._unannotated.add_jaws(scene.jaws, self._shafts.places)
         self._unannotated.add_lumps(scene.occluders, background)
-        return self._render_for(scene.camera)
+        return self._render_for(scene.camera, scene.samples)
 
     def silhouettes(
         self, poses: Sequence[ShaftPose], camera: Camera, rolls_deg: Sequence[float] | None = None
@@ -75,14 +74,15 @@ class Renderer:
         self._shafts.place(poses, rolls_deg or [0.0] * len(poses))
         self._unannotated.clear()
         index = np.zeros((camera.height, camera.width), dtype=np.int64)
-        foreground = self._render_for(camera)
+        # The index is exact at one sample, unlike a colour.
+        foreground = self._render_for(camera, samples=1)
         if foreground is not None:
             index[foreground.region.slices] = foreground.index
         return index
 
-    def _render_for(self, camera: Camera) -> Foreground | None:
+    def _render_for(self, camera: Camera, samples: int) -> Foreground | None:
         """Render the placed scene, as seen by `camera`."""
-        foreground = self._render_regions()
+        foreground = self._render_regions(samples)
         if foreground is None or camera == self._pinhole:
             return foreground
         linear = np.zeros((self._pinhole.height, self._pinhole.width, 4), dtype=np.float32)
@@ -92,15 +92,16 @@ class Renderer:
         whole = Region(0, 0, camera.width, camera.height)
         return Foreground(whole, *seen_by(camera, self._pinhole, linear, index))
 
-    def _render_regions(self) -> Foreground | None:
+    def _render_regions(self, samples: int) -> Foreground | None:
         """Call Blender for each non-empty part of the image."""
         bodies = chain(self._shafts.meshes(), self._unannotated.meshes())
         touched = touched_pixels(self._pinhole, bodies)
         if not touched.any():
             return None
+        self._scene.cycles.sample_subset_length = samples
         linear = np.zeros((*touched.shape, 4), dtype=np.float32)
         index = np.zeros(touched.shape, dtype=np.int64)
-        for region in cover(touched, _RENDER_PX_SAMPLES / self._samples):
+        for region in cover(touched, _RENDER_PX_SAMPLES / samples):
             set_border(self._scene, region, self._pinhole)
             passes = self._reader.render()
             self._images.remove_past()

@@ -24,8 +24,13 @@ _BOUNCES = 2
 Passes = dict[str, NDArray[np.float32]]
 
 
-def set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
-    """Set all that decides pixels, and what makes small renders fast."""
+def set_up_cycles(scene: Any, size_px: int, most_samples: int) -> None:
+    """Set all that decides pixels, and what makes small renders fast.
+
+    Each image takes the first samples, `sample_subset_length`, of a pattern for `most_samples`. If
+    `samples` itself changed, Cycles would keep the longest pattern so far, and an image would
+    depend on those before it.
+    """
     scene.render.engine = "CYCLES"
     scene.render.resolution_x = scene.render.resolution_y = size_px
     scene.render.resolution_percentage = 100
@@ -39,7 +44,8 @@ def set_up_cycles(scene: Any, size_px: int, samples: int) -> None:
     cycles = scene.cycles
     cycles.seed = 0
     cycles.use_light_tree = False  # made for many lights; here the lamps are the only ones
-    cycles.samples, cycles.use_adaptive_sampling = samples, False
+    cycles.samples, cycles.use_adaptive_sampling = most_samples, False
+    cycles.use_sample_subset, cycles.sample_offset = True, 0
     cycles.use_denoising = cycles.use_auto_tile = False
     cycles.max_bounces = cycles.glossy_bounces = _BOUNCES
     cycles.diffuse_bounces, cycles.transmission_bounces = 1, 0

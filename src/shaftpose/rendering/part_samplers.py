@@ -153,6 +153,11 @@ def _motion(rng: np.random.Generator, lengths_px: Range) -> tuple[float, float]:
     return length_px * cos(angle), length_px * sin(angle)
 
 
+def sample_samples(rng: np.random.Generator, ends: tuple[int, int]) -> int:
+    """A number of light paths per pixel: log-uniform, because noise depends on ratios."""
+    return round(float(np.exp(rng.uniform(*np.log(ends)))))
+
+
 def sample_occluders(
     rng: np.random.Generator, poses: Sequence[ShaftPose], settings: RenderSettings
 ) -> tuple[Occluder, ...]:

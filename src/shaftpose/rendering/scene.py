@@ -86,7 +86,7 @@ class Lens:
 @dataclass(frozen=True)
 class Scene:
     """One image. rolls_deg: rolls of the shafts about their axes, where visible; tries: number of
-    shafts that the pose sampler drew, without crossing ones."""
+    shafts that the pose sampler drew, without crossing ones; samples: light paths per pixel."""
 
     background: Path
     camera: Camera
@@ -98,6 +98,7 @@ class Scene:
     lens: Lens
     sensor_seed: int
     tries: int
+    samples: int
     films: tuple[Film, ...] = ()  # one per shaft, or none at all
     coatings: tuple[Coating | None, ...] = ()  # one per shaft, or none at all
     jaws: tuple[Jaws | None, ...] = ()  # one per shaft, or none at all
@@ -113,6 +114,7 @@ class Scene:
             "occluders": [_stated(occluder) for occluder in self.occluders],
             "lens": _stated(self.lens),
             "tries": self.tries,
+            "samples": self.samples,
         }
         options: dict[str, Any] = {
             "rolls_deg": self.rolls_deg if any(self.rolls_deg) else (),

@@ -21,6 +21,7 @@ from shaftpose.rendering.part_samplers import (
     sample_light,
     sample_occluders,
     sample_rolls,
+    sample_samples,
     sample_steels,
     uniform,
 )
@@ -89,6 +90,7 @@ class SceneSampler:
             lens=sample_lens(stream, settings.lens),
             sensor_seed=int(stream("sensor").integers(2**31)),
             tries=sampled.tries,
+            samples=sample_samples(stream("samples"), settings.samples),
             films=sample_films(stream("films"), len(shafts), scene),
             coatings=sample_coatings(stream("coatings"), len(shafts), settings),
             jaws=sample_jaws(stream("jaws"), len(shafts), settings),

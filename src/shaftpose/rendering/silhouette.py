@@ -4,7 +4,6 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,8 @@ class SilhouetteRenderer:
     """Renders masks of shafts; only one may exist per process, as Blender has one open file."""
 
     def __init__(self, settings: RenderSettings) -> None:
-        # The mask is exact at one sample: it is the object index, not a colour.
         with blender_output_hidden():
-            self._renderer = Renderer(replace(settings, samples=1))
+            self._renderer = Renderer(settings)
 
     def __call__(self, poses: NDArray[np.float64], camera: Camera) -> list[NDArray[np.bool_]]:
         """The visible mask (H, W) in `camera` for each of the poses (N, 5); nearer shafts hide

@@ -44,6 +44,7 @@ HalfTurn = Annotated[float, Field(ge=0, le=180)]  # other angles repeat the same
 _Ascending, _Spread = AfterValidator(_ascending), AfterValidator(_spread)
 Range = Annotated[tuple[float, float], _Ascending]
 NotNegativeRange = Annotated[tuple[NotNegative, NotNegative], _Ascending]
+PositiveIntRange = Annotated[tuple[PositiveInt, PositiveInt], _Ascending]
 PositiveRange = Annotated[tuple[Positive, Positive], _Ascending]
 UnitRange = Annotated[tuple[Fraction, Fraction], _Ascending]
 SpreadRange = Annotated[tuple[float, float], _Spread]
@@ -209,7 +210,7 @@ class RenderSettings:
     shaft: ShaftSettings
     scene: SceneSettings
     lens: LensSettings
-    samples: PositiveInt
+    samples: PositiveIntRange
     jpeg_quality: Quality
     device: Literal["cpu", "cuda", "optix", "hip", "metal"] = "cpu"
 
@@ -264,7 +265,7 @@ class RunSize:
     variations: PositiveInt
     images: PositiveInt
     images_per_shard: PositiveInt
-    samples: PositiveInt
+    samples: PositiveIntRange
     test_set: PositiveInt
     stand_in_images: PositiveInt
     width: Annotated[float, Field(ge=0.1875)]
