@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.calibration_files import calibrated, read_calibration, stated_view
+from shaftpose.inference.calibration_files import CameraFile, read_camera, stated_view
 
 FILE = """%YAML:1.0
 ---
@@ -34,6 +34,34 @@ distortion_coefficients: {rows: 5, cols: 1, dt: d, data: [0, 0, 0, 0, 0]}
 """
 
 
+ROS = """image_width: 640
+image_height: 480
+camera_name: endoscope
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [240.0, 0.0, 319.5, 0.0, 240.0, 239.5, 0.0, 0.0, 1.0]
+distortion_model: equidistant
+distortion_coefficients:
+  rows: 1
+  cols: 4
+  data: [-0.02, 0.01, -0.004, 0.001]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [1000.0, 0.0, 959.5, 0.0, 0.0, 1000.0, 539.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+"""
+MATRIX = np.array([[500, 0, 320], [0, 510, 240], [0, 0, 1.0]])
+
+
+def fail(message: str) -> None:
+    raise AssertionError(message)
+
+
+def read(path: Path) -> CameraFile:
+    return read_camera(path, fail)
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "cam.yaml"
@@ -42,8 +70,8 @@ def path(tmp_path: Path) -> Path:
 def test_a_calibration_is_read(path: Path) -> None:
     """Whole numbers without a point, as a person may write them, too."""
     path.write_text(FILE)
-    camera = read_calibration(path)
-    assert (camera.width, camera.height) == (640, 480)
+    camera = read(path)
+    assert camera.size == (640, 480)
     assert camera.matrix.tolist() == [[500, 0, 320.5], [0, 510, 239.25], [0, 0, 1]]
     assert camera.distortion.tolist() == [-0.25, 0, 1, 0, 0.125]
 
@@ -57,7 +85,7 @@ def test_what_opencv_writes_is_read(suffix: str, tmp_path: Path) -> None:
     storage.write("camera_matrix", np.array([[500, 0, 320], [0, 500, 240], [0, 0, 1.0]]))
     storage.write("distortion_coefficients", np.array([[0.1, 0, 0, 0]]))
     storage.release()
-    camera = read_calibration(path)
+    camera = read(path)
     assert camera.matrix[0].tolist() == [500, 0, 320]
     assert camera.distortion.tolist() == [0.1, 0, 0, 0]
 
@@ -67,35 +95,109 @@ def test_what_opencv_writes_is_read(suffix: str, tmp_path: Path) -> None:
     [
         (FILE, "", "no calibration file"),
         (FILE, "camera: [", "no calibration file"),
-        ("640", "wide", "image_width: missing or not a whole number above 0"),
-        ("480", "0", "image_height: missing or not a whole number above 0"),
-        ("camera_matrix", "K", "camera_matrix: missing or not a matrix"),
-        ("0.125", "much", "distortion_coefficients: missing or not a matrix"),
-        ("0.125", ".Nan", "distortion_coefficients: holds a value that is not finite"),
-        (", 0., 0.125", "", "distortion_coefficients: 3 numbers"),
+        ("640", "wide", "image_width, image_height: must be two whole numbers above 0"),
+        ("480", "0", "image_width, image_height: must be two whole numbers above 0"),
+        ("image_height: 480", "", "image_width, image_height: must be"),
+        ("camera_matrix", "camera", "camera_matrix: missing, or not a matrix of 9 numbers"),
+        ("0.125", "much", "distortion_coefficients: holds a value"),
+        ("0.125", ".Nan", "distortion_coefficients: holds a value"),
+        (", 0., 0.125", "", "distortion_coefficients: .*of 0 or 4 or 5 or 8"),
         ("500.", "-500.", "camera_matrix: must be"),
         ("0., 320.5", "2., 320.5", "camera_matrix: must be"),
-        ("---", "---\nfisheye_model: 1", "fisheye_model"),
+        ("---", "---\nfisheye_model: 1", "distortion_coefficients: .*a matrix of 4 numbers"),
+        ("---", "---\ndistortion_model: thin_prism", "distortion_model: thin_prism is not"),
+        ("---", "---\ndistortion_model: 3", "distortion_model: "),
+        ("---", "---\nxi: 1.2", "distortion_model: omnidirectional is not supported"),
+        ("320.5", "720.5", "the camera's principal point"),
+        (FILE, "[1, 2]", "no calibration file"),
+        (FILE, "%YAML:1.0\n---\n- 1\n- 2\n", "no calibration file"),
+        (FILE, "%YAML:1.0\n---\na: " + "[" * 100_000, "no calibration file: it is too large, or"),
+        (FILE, "%YAML:1.0\n---\na:\n   " + "- " * 100_000 + "1", "no calibration file: it is"),
+        (FILE, "<?xml version='1.0'?>\n" + "<a>" * 100_000, "no calibration file: it is"),
+        (FILE, '{"a":' * 100_000 + "1" + "}" * 100_000, "no calibration file: it is"),
+        ("-2.5e-01", "1, " * 100_000 + "1", "distortion_coefficients: .* not a matrix of 0 or 4"),
+        ("---", "---\n#" + "x" * 2_000_000, "no calibration file: it is too large"),
     ],
 )
 def test_what_is_wrong_is_named(path: Path, old: str, new: str, complaint: str) -> None:
     path.write_text(FILE.replace(old, new))
     with pytest.raises(InputError, match=f"^{path}: {complaint}"):
-        read_calibration(path)
+        read(path)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("image_width", "image_height", "camera_matrix", "distortion_coefficients"),
+        ("image_Width", "image_Height", "Camera_Matrix", "Distortion_Coefficients"),
+        ("cameraResolution", "cameraMatrix", "dist_coeffs"),
+    ],
+)
+def test_the_names_of_opencvs_programs_are_read(names: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "cam.xml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    *sizes, matrix, distortion = names
+    if len(sizes) == 1:
+        storage.startWriteStruct(sizes[0], cv2.FileNode_SEQ)
+        storage.write("", 640)
+        storage.write("", 480)
+        storage.endWriteStruct()
+    else:
+        storage.write(sizes[0], 640)
+        storage.write(sizes[1], 480)
+    storage.write(matrix, MATRIX)
+    storage.write(distortion, np.array([[0.1, 0, 0, 0, 0.2]]))
+    storage.release()
+    camera = read(path)
+    assert (camera.size, camera.fisheye) == ((640, 480), False)
+    assert camera.distortion.tolist() == [0.1, 0, 0, 0, 0.2]
+
+
+def test_the_first_eye_of_a_stereo_camera_is_taken_for_frames_around_its_axis(path: Path) -> None:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("M1", MATRIX), ("D1", np.zeros((1, 5))), ("M2", MATRIX)):
+        storage.write(name, value)
+    storage.release()
+    said: list[str] = []
+    camera = read_camera(path, said.append)
+    assert said == [f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames"]
+    assert camera(640, 480).matrix.tolist() == MATRIX.tolist()
+    with pytest.raises(InputError, match="has 1280 x 480 px, but the principal point in"):
+        camera(1280, 480)
+
+
+@pytest.mark.parametrize(
+    ("model", "fisheye"),
+    [("equidistant", True), ("fisheye", True), ("plumb_bob", False), ('"plumb_bob"', False),
+     ("rational_polynomial", False)],
+)  # fmt: skip
+def test_ros_names_the_lens(model: str, fisheye: bool, path: Path) -> None:
+    path.write_text(ROS.replace("equidistant", model))
+    camera = read(path)
+    assert (camera.size, camera.fisheye) == ((640, 480), fisheye)
+    assert camera(640, 480).fisheye is fisheye
+
+
+def test_opencvs_fisheye_lens_is_read(path: Path) -> None:
+    marked = FILE.replace("---", "---\nfisheye_model: 1").replace(" 1, 0., 0.125", " 0.1, 0.")
+    path.write_text(marked)
+    assert read(path).fisheye
+    path.write_text(marked.replace("fisheye_model: 1", "fisheye_model: 0"))
+    assert not read(path).fisheye
 
 
 def test_a_missing_file_and_a_picture_are_named(path: Path) -> None:
     with pytest.raises(InputError, match=f"^{path}: cannot be read"):
-        read_calibration(path)
+        read(path)
     path.write_bytes(b"\x89PNG\xff\x00")
     with pytest.raises(InputError, match=f"^{path}: no calibration file"):
-        read_calibration(path)
+        read(path)
 
 
 def test_a_calibration_is_for_frames_of_its_own_size(tmp_path: Path) -> None:
     path = tmp_path / "cam.yaml"
     path.write_text(FILE)
-    camera = calibrated(path)
+    camera = read(path)
     assert camera(640, 480).matrix[0, 0] == 500
     for width, height in ((1280, 960), (480, 640), (640, 360)):
         with pytest.raises(InputError, match=f"has {width} x {height} px, .* of 640 x 480 px"):

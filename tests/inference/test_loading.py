@@ -37,6 +37,21 @@ def test_what_is_unknown_is_said(caplog: pytest.LogCaptureFixture) -> None:
     assert not any(shaft.metric for shaft in shafts)
 
 
+def test_a_frame_that_shows_nothing_is_said_once_for_each_source() -> None:
+    said: list[str] = []
+    find = load(view_deg=95.0, diameter_mm=3.0, warn=said.append)
+    black, dim = np.zeros((300, 400, 3), np.uint8), np.zeros((300, 400, 3), np.uint8)
+    dim[:20, :20] = 200
+    for source in ("a.mp4", "a.mp4", "b.mp4"):
+        assert find(black, source) == []
+    assert find(dim, "c.png") == []
+    assert said == [
+        "a.mp4: a frame of 400 x 300 px is all black",
+        "b.mp4: a frame of 400 x 300 px is all black",
+        "c.png: a frame of 400 x 300 px is dark in more than 95 % of it",
+    ]
+
+
 def test_a_frames_matrix_is_that_of_its_camera(tmp_path: Path) -> None:
     calibration = tmp_path / "cam.yaml"
     calibration.write_text(FILE)

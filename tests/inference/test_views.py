@@ -174,10 +174,10 @@ def test_an_undistorted_picture_has_no_black_border(k1: float) -> None:
         assert tangent * (1 + k1 * tangent**2) == pytest.approx(reach, abs=1e-3)
 
 
-def test_a_principal_point_outside_of_the_frame_is_named() -> None:
-    matrix = np.array([[300, 0, 700.0], [0, 300, 199.5], [0, 0, 1]])
-    with pytest.raises(InputError, match=r"principal point \[700.0, 199.5\] lies outside"):
-        Calibration(640, 400, matrix, np.zeros(0)).undistorted(150.0)
+def test_what_a_wide_camera_loses_is_said() -> None:
+    said: list[str] = []
+    known_camera(stated_view(150.0), MODEL, True, said.append)(640, 480)
+    assert len(said) == 1 and "see more than 140 deg" in said[0]
 
 
 def test_an_unknown_cameras_frame_is_scaled_to_the_models_side() -> None:

@@ -81,20 +81,30 @@ def model(name: str) -> str:
 
 
 def camera(path: Path, name: str) -> str:
-    """The share of a model's view that a calibrated camera sees, and the setting to train for that
-    camera.
+    """The size and scale at which a model sees a camera's frames, what it does not see of them, and
+    the setting to train for that camera.
 
-    Raises InputError naming the file if it is not a calibration.
+    Raises InputError naming the file if it is not a calibration or states no size.
     """
-    from shaftpose.inference.calibration_files import read_calibration
+    from shaftpose.inference.calibration_files import read_camera
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
-    from shaftpose.inference.views import Resampled
+    from shaftpose.inference.views import known_camera
 
+    notes: list[str] = []
     with model_file(name) as file:
-        calibration, predictor = read_calibration(path), Predictor(file)
-    covered = Resampled(calibration, predictor.camera).covered
-    return (
-        f"fills {covered:.0%} of the view of {name}, {predictor.metadata.view_deg:g} deg; "
-        f"to train for this camera, set camera.view_deg to {calibration.widest_view_deg():.1f}"
-    )
+        stated, predictor = read_camera(path, notes.append), Predictor(file)
+    if stated.size is None:
+        raise InputError(f"{path}: states no image_width and image_height; add them")
+    (width, height), own = stated.size, stated(*stated.size)
+    seen = known_camera(stated, predictor.camera, predictor.takes_any_size, notes.append)(
+        width, height
+    ).camera
+    lens = "fisheye" if own.fisheye else f"{own.distortion.size} coefficients"
+    return "; ".join([
+        f"frames of {width} x {height} px ({lens})",
+        f"{name} sees them as {seen.width} x {seen.height} px, "
+        f"{own.focal_px / seen.focal_px:.2g} px of the frame in one",
+        *notes,
+        f"to train for this camera, set camera.view_deg to {own.widest_view_deg():.1f}",
+    ])  # fmt: skip

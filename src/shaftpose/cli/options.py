@@ -58,7 +58,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         help="the program that runs the model (onnxruntime); openvino needs the extra of that name",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
-    camera.add_argument("--camera", type=Path, help="the camera: OpenCV's calibration file")
+    camera.add_argument(
+        "--camera", type=Path, help="the camera: a calibration file of OpenCV or ROS"
+    )
     camera.add_argument(
         "--view-deg", type=float,
         help="the camera: the angle across its central square, if it has no distortion",
@@ -112,7 +114,9 @@ def _add_real(parser: argparse.ArgumentParser) -> None:
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
     _add_model(parser)
-    parser.add_argument("--camera", type=Path, help="also check this calibration file of OpenCV")
+    parser.add_argument(
+        "--camera", type=Path, help="also check this calibration file of OpenCV or ROS"
+    )
 
 
 def _add_model(parser: argparse.ArgumentParser) -> None:

@@ -52,7 +52,7 @@ def _predict_alone(options: argparse.Namespace) -> int:
     ):
 
         def predict(frame: Frame) -> None:
-            shafts = finder(frame.rgb)
+            shafts = finder(frame.rgb, frame.source)
             write(frame, shafts if tracker is None else tracker(frame, shafts))
             bar.update()
 

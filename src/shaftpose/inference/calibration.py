@@ -2,7 +2,7 @@
 
 `core.geometry.Camera` is the camera of a model and of the renderer, with square pixels and at most
 radial distortion in closed form. A calibration maps the rays of such a camera to the pixels of a
-real one, which need not be square, with all of OpenCV's distortions.
+real one, which need not be square, with all of OpenCV's distortions, its fisheye lens included.
 """
 
 from collections.abc import Callable
@@ -21,6 +21,8 @@ _BORDER_RAYS = 101  # on each side of a square
 _TANGENT_STEP = 1e-6
 _WIDEST = 2.75  # of rays in an undistorted picture, whose size grows with it: 70 deg from the axis
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
+_AXES = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
+_FOCAL_LENGTHS = 0.02, 100.0  # of a frame's longer side; a fisheye lens of 180 deg has 0.3
 
 
 class Places(NamedTuple):
@@ -41,13 +43,14 @@ class Calibration:
 
     matrix: (3, 3) px. Only inside this class, pixel centres lie at whole numbers, as in OpenCV; in
     the rest of the project they lie at + 0.5. distortion: (D,), k1, k2, p1, p2, k3, ... of
-    `cv2.projectPoints`.
+    `cv2.projectPoints`, or k1 to k4 of `cv2.fisheye` if it is a fisheye lens.
     """
 
     width: int
     height: int
     matrix: Array
     distortion: Array
+    fisheye: bool = False
 
     @classmethod
     def pinhole(cls, width: int, height: int, view_deg: float) -> "Calibration":
@@ -69,27 +72,57 @@ class Calibration:
         """
         radius = np.linalg.norm(rays, axis=1, keepdims=True)
         followed = rays * np.minimum(1, self.valid_radius / np.maximum(radius, 1e-12))
-        points = np.column_stack([followed, np.ones(len(rays))])
-        pixels, _ = cv2.projectPoints(
-            points, np.zeros(3), np.zeros(3), self.matrix, self.distortion
-        )
-        return np.asarray(pixels[:, 0] + 0.5, dtype=np.float64)
+        return self._projected(followed, self.matrix) + 0.5
+
+    def _projected(self, rays: Array, matrix: Array) -> Array:
+        points, lens = np.column_stack([rays, np.ones(len(rays))])[:, None], self.distortion
+        project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
+        return np.asarray(project(points, np.zeros(3), np.zeros(3), matrix, lens)[0][:, 0])
+
+    def check(self) -> None:
+        """Raise InputError if the camera cannot have taken its frames."""
+        size, centre = np.array([self.width, self.height]), self.matrix[:2, 2] + 0.5
+        near = float(np.min([centre, size - centre]))
+        frames = f"frames of {self.width} x {self.height} px"
+        lengths = np.diag(self.matrix)[:2] / size.max()
+        if lengths.min() < _FOCAL_LENGTHS[0] or lengths.max() > _FOCAL_LENGTHS[1]:
+            raise InputError(
+                f"a focal length of {self.focal_px:g} px is not that of {frames}; calibrate again"
+            )
+        if near < 1:
+            raise InputError(
+                f"the camera's principal point {np.round(centre - 0.5, 1).tolist()} lies outside "
+                f"of its {frames}; calibrate again"
+            )
+        if not self._fold_px >= near:  # NaN, too
+            raise InputError(
+                f"the lens distortion folds back {self._fold_px:.0f} px from the principal point, "
+                f"within its {frames}; calibrate again, with corners up to the frame's border"
+            )
+
+    def cuts(self) -> list[str]:
+        """Sentences about what an undistorted picture leaves out of the frame."""
+        found, frames = [], f"frames of {self.width} x {self.height} px"
+        size, centre = np.array([self.width, self.height]), self.matrix[:2, 2] + 0.5
+        if self._fold_px < np.linalg.norm(np.maximum(centre, size - centre)):
+            found.append(
+                f"the lens distortion folds back {self._fold_px:.0f} px from the principal point: "
+                f"what lies farther away in {frames} is not seen"
+            )
+        if any(self._sees(_WIDEST * axis[None]) for axis in _AXES):
+            found.append(
+                f"{frames} see more than {2 * np.degrees(np.arctan(_WIDEST)):.0f} deg: what lies "
+                "beyond is not seen"
+            )
+        return found
 
     def undistorted(self, focal_px: float) -> Camera:
         """The pinhole camera of this focal length with the largest picture that the frame fills.
 
         The frame's outline, curved once it is undistorted, encloses the picture; its corners may be
         cut.
-
-        Raises InputError if the camera does not look into its own frame.
         """
-        axes = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
-        ends = [_largest(partial(self._sees_along, axis[None]), _WIDEST) for axis in axes]
-        if min(ends) < _TANGENT_STEP:
-            raise InputError(
-                f"the camera's principal point {np.round(self.matrix[:2, 2], 1).tolist()} lies "
-                f"outside of its frames of {self.width} x {self.height} px; calibrate again"
-            )
+        ends = [_largest(partial(self._sees_along, axis[None]), _WIDEST) for axis in _AXES]
         border = _square_border()
         border = np.where(border < 0, border * [ends[0], ends[2]], border * [ends[1], ends[3]])
         left, right, up, down = _largest(partial(self._sees_along, border), 1.0) * np.array(ends)
@@ -103,7 +136,8 @@ class Calibration:
         width, height = samples * camera.width, samples * camera.height
         matrix = np.diag([samples, samples, 1.0]) @ camera.matrix
         matrix[:2, 2] -= 0.5
-        x, y = cv2.initUndistortRectifyMap(
+        undistort = (cv2.fisheye if self.fisheye else cv2).initUndistortRectifyMap
+        x, y = undistort(
             self.matrix, self.distortion, np.eye(3), matrix, (width, height), cv2.CV_32FC1
         )
         rays_x = (np.arange(width) - matrix[0, 2]) / matrix[0, 0]
@@ -134,10 +168,17 @@ class Calibration:
         if it never does. Its polynomial is fitted within the image and means nothing far outside.
         """
         radii = np.linspace(0, _WIDEST_TANGENT, 10_001)
-        rays = np.column_stack([radii, np.zeros_like(radii), np.ones_like(radii)])
-        seen, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self.distortion)
-        folds = np.flatnonzero(~(np.diff(seen[:, 0, 0]) > 0))  # NaN, too
+        seen = self._projected(np.column_stack([radii, np.zeros_like(radii)]), np.eye(3))
+        folds = np.flatnonzero(~(np.diff(seen[:, 0]) > 0))  # NaN, too
         return float(radii[folds[0]]) if folds.size else np.inf
+
+    @cached_property
+    def _fold_px(self) -> float:
+        """The distance from the principal point at which the distortion folds back."""
+        if np.isinf(self.valid_radius):
+            return np.inf
+        fold, centre = self.image_px(np.array([[self.valid_radius, 0.0], [0.0, 0.0]]))
+        return float(np.linalg.norm(fold - centre))
 
 
 def _square_border() -> Array:

@@ -1,6 +1,7 @@
-"""The user's camera: a calibration file of OpenCV, or a stated view angle."""
+"""The user's camera: a calibration file of OpenCV or ROS, or a stated view angle."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -13,8 +14,21 @@ from shaftpose.inference.calibration import Calibration
 # The camera of frames of a width and height; raises InputError for frames of a wrong size.
 FrameCamera = Callable[[int, int], Calibration]
 
+# The names of OpenCV's and ROS's programs.
+_SIDES = ("image_width", "image_Width"), ("image_height", "image_Height")
+_SIZES = ("cameraResolution", "image_size")
+_MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "M1")
+_DISTORTIONS = (
+    "distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "D", "D1"
+)  # fmt: skip
+# ROS's names -> whether it is OpenCV's fisheye lens.
+_LENSES = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}
 # Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
-_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+_COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
+
+# OpenCV's parsers die of files that are nested deeply; each level has one of these.
+_MOST_CHARACTERS, _MOST_LEVELS, _LEVEL = 2_000_000, 2_000, ("[", "{", "<", ":", "- ")
+_OFF_CENTRE = 0.2  # of a side: a principal point farther from the middle belongs to another size
 
 
 def stated_view(view_deg: float) -> FrameCamera:
@@ -23,84 +37,135 @@ def stated_view(view_deg: float) -> FrameCamera:
     return lambda width, height: Calibration.pinhole(width, height, view_deg)
 
 
-def calibrated(path: Path) -> FrameCamera:
-    """The camera in a calibration file, for frames of its size alone.
+@dataclass(frozen=True)
+class CameraFile:
+    """A camera as a file states it: a `FrameCamera` for frames of its size alone.
 
-    Raises InputError naming the file if it is not a calibration.
+    size: width and height; None if the file states none. matrix, distortion, fisheye: see
+    `Calibration`.
     """
-    calibration = read_calibration(path)
 
-    def camera(width: int, height: int) -> Calibration:
-        if (width, height) != (calibration.width, calibration.height):
+    path: Path
+    size: tuple[int, int] | None
+    matrix: Array
+    distortion: Array
+    fisheye: bool
+
+    def __call__(self, width: int, height: int) -> Calibration:
+        """The camera of frames. Raises InputError if it has another size, or cannot have taken
+        them."""
+        centre = self.matrix[:2, 2] + 0.5
+        if self.size is None and np.any(np.abs(centre / [width, height] - 0.5) > _OFF_CENTRE):
             raise InputError(
-                f"has {width} x {height} px, but {path} is the calibration of "
-                f"{calibration.width} x {calibration.height} px; calibrate for these frames"
+                f"has {width} x {height} px, but the principal point in {self.path} is "
+                f"{centre.tolist()} px; add the image_width and image_height of its frames"
             )
+        if self.size not in (None, (width, height)):
+            raise InputError(
+                "has {} x {} px, but {} is the calibration of {} x {} px; calibrate for these "
+                "frames".format(width, height, self.path, *self.size or ())
+            )
+        calibration = Calibration(width, height, self.matrix, self.distortion, self.fisheye)
+        try:
+            calibration.check()
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from error
         return calibration
 
-    return camera
 
-
-def read_calibration(path: Path) -> Calibration:
-    """Read `image_width`, `image_height`, `camera_matrix` and `distortion_coefficients` from a
-    YAML, XML or JSON file, as OpenCV's calibration programs write them.
+def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
+    """Read a YAML, XML or JSON file as OpenCV's and ROS's calibration programs write it; of a
+    stereo camera, the first eye.
 
     Raises InputError naming the file and the faulty entry.
     """
     storage = _opened(path)
-    width, height = (_whole(path, storage, f"image_{side}") for side in ("width", "height"))
-    if _given(storage.getNode("fisheye_model")):
-        raise InputError(f"{path}: fisheye_model: calibrate with OpenCV's other lens model")
-    matrix = _numbers(path, storage, "camera_matrix")
-    distortion = _numbers(path, storage, "distortion_coefficients")
-    if matrix.size != 9 or not _is_camera(matrix.reshape(3, 3)):
+    fisheye = _is_fisheye(path, storage)
+    matrix = _numbers(path, storage, _MATRICES, (9,)).reshape(3, 3)
+    if not _is_camera(matrix):
         raise InputError(
             f"{path}: camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] in px, is "
-            f"{matrix.tolist()}"
+            f"{matrix.ravel().tolist()}"
         )
-    if distortion.size not in _COEFFICIENTS:
-        raise InputError(
-            f"{path}: distortion_coefficients: {distortion.size} numbers; OpenCV has "
-            f"{', '.join(map(str, _COEFFICIENTS))}"
-        )
-    return Calibration(width, height, matrix.reshape(3, 3), distortion)
+    distortion = _numbers(path, storage, _DISTORTIONS, _OF_FISHEYE if fisheye else _COEFFICIENTS)
+    if not storage.getNode("M2").empty():
+        warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
+    camera = CameraFile(path, _size(path, storage), matrix, distortion, fisheye)
+    if camera.size is not None:
+        camera(*camera.size)
+    return camera
 
 
 def _opened(path: Path) -> cv2.FileStorage:
     try:
-        text = path.read_text()
-        return cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_MOST_CHARACTERS + 1)
+        if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
+            raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
+        if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
+            text = f"%YAML:1.0\n---\n{text}"
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        if storage.root().isMap():
+            return storage
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, SystemError, cv2.error) as error:
+    except (UnicodeDecodeError, SystemError, cv2.error):
+        pass
+    raise InputError(
+        f"{path}: no calibration file; name one that a program of OpenCV or ROS has written"
+    )
+
+
+def _is_fisheye(path: Path, storage: cv2.FileStorage) -> bool:
+    stated, other = storage.getNode("distortion_model"), storage.getNode("xi")
+    model = stated.string() if stated.isString() else ""
+    if not other.empty() or not (stated.empty() or model in _LENSES):
         raise InputError(
-            f"{path}: no calibration file; OpenCV's YAML begins with %YAML:1.0"
-        ) from error
+            f"{path}: distortion_model: {model or 'omnidirectional'} is not supported; calibrate "
+            f"with one of {', '.join(_LENSES)}"
+        )
+    return _LENSES.get(model, False) or storage.getNode("fisheye_model").real() == 1
 
 
-def _whole(path: Path, storage: cv2.FileStorage, name: str) -> int:
-    node = storage.getNode(name)
-    if not node.isInt() or node.real() < 1:
-        raise InputError(f"{path}: {name}: missing or not a whole number above 0")
-    return int(node.real())
+def _size(path: Path, storage: cv2.FileStorage) -> tuple[int, int] | None:
+    both = _first(storage, _SIZES)
+    sides = [_first(storage, names) for names in _SIDES]
+    if both.isSeq() and both.size() == 2:
+        sides = [both.at(0), both.at(1)]
+    if all(side.empty() for side in sides):
+        return None
+    if not all(side.isInt() and side.real() >= 1 for side in sides):
+        raise InputError(f"{path}: image_width, image_height: must be two whole numbers above 0")
+    width, height = (int(side.real()) for side in sides)
+    return width, height
 
 
-def _numbers(path: Path, storage: cv2.FileStorage, name: str) -> Array:
+def _first(storage: cv2.FileStorage, names: Sequence[str]) -> cv2.FileNode:
+    """The first node of these names that is there; else an empty one."""
+    nodes = [storage.getNode(name) for name in names]
+    return next((node for node in nodes if not node.empty()), nodes[0])
+
+
+def _numbers(
+    path: Path, storage: cv2.FileStorage, names: Sequence[str], counts: Sequence[int]
+) -> Array:
     """The numbers of a matrix, row by row. OpenCV 4.11's own `mat()` misreads whole numbers without
     a decimal point (opencv-python's issue 1078)."""
-    node = storage.getNode(name)
+    node = _first(storage, names)
     data = node.getNode("data") if node.isMap() else node
-    items = [data.at(place) for place in range(data.size())] if data.isSeq() else []
-    if not data.isSeq() or not all(item.isInt() or item.isReal() for item in items):
-        raise InputError(f"{path}: {name}: missing or not a matrix of numbers")
+    count = data.size() if data.isSeq() else -1
+    if count not in counts:
+        raise InputError(
+            f"{path}: {names[0]}: missing, or not a matrix of {' or '.join(map(str, counts))} "
+            "numbers"
+        )
+    items = [data.at(place) for place in range(count)]
     numbers = np.array([item.real() for item in items], dtype=np.float64)
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{path}: {name}: holds a value that is not finite; calibrate again")
+    if not all(item.isInt() or item.isReal() for item in items) or not np.isfinite(numbers).all():
+        raise InputError(
+            f"{path}: {names[0]}: holds a value that is not a finite number; calibrate again"
+        )
     return numbers
-
-
-def _given(node: cv2.FileNode) -> bool:
-    return bool(node.isInt() and node.real())
 
 
 def _is_camera(matrix: Array) -> bool:

@@ -19,7 +19,7 @@ import onnxruntime
 
 from shaftpose.core.errors import InputError
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import EmptyFolder, ImageFile, Source
+from shaftpose.inference.frames import EmptyFolder, Frame, ImageFile, Source
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import checksum, model_file
 from shaftpose.inference.prediction_run import for_each_frame
@@ -137,7 +137,11 @@ def _predicted(source: Source, folder: Path, finder: ShaftFinder) -> PredictedIm
     found: list[FoundShaft] = []
     errors: list[str] = []
     image = replace(source, path=folder / source.path)
-    for_each_frame([image], lambda frame: found.extend(finder(frame.rgb)), errors.append)
+
+    def predict(frame: Frame) -> None:
+        found.extend(finder(frame.rgb, source.name))
+
+    for_each_frame([image], predict, errors.append)
     return PredictedImage(source.name, tuple(found), "".join(errors))
 
 

@@ -12,7 +12,7 @@ from shaftpose.core.images import Image
 
 _LONG_PX = 240  # longer side of the image in which a field is looked for
 # Levels above the darkest ones that are no black border; compression blurs what is black.
-_ABOVE_BLACK, _LEAST_LEVEL, _MOST_LEVEL = 12, 18, 40
+LEAST_LEVEL, _ABOVE_BLACK, _MOST_LEVEL = 18, 12, 40
 _LEAST_SHARE = 0.05  # of the frame
 _BORDER_PX = 2.5  # within this of the frame's border, an outline is the frame's, not the disc's
 _FULL = 0.97  # share of its bounding box that a rectangular field fills at least
@@ -87,7 +87,7 @@ def visible_field(rgb: Image) -> VisibleField | None:
 
 def _outline(level: NDArray[np.uint8]) -> NDArray[np.int32] | None:
     """The convex outline (N, 2) of the largest bright region, pixel indices."""
-    threshold = np.clip(np.percentile(level, 1) + _ABOVE_BLACK, _LEAST_LEVEL, _MOST_LEVEL)
+    threshold = np.clip(np.percentile(level, 1) + _ABOVE_BLACK, LEAST_LEVEL, _MOST_LEVEL)
     bright = cv2.morphologyEx(
         (level > threshold).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )

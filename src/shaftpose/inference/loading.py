@@ -3,13 +3,14 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.calibration_files import calibrated, stated_view
+from shaftpose.inference.calibration_files import read_camera, stated_view
 from shaftpose.inference.model_files import DEFAULT, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
@@ -41,14 +42,15 @@ def load(
     """Load a model that finds shafts in frames (H, W, 3) uint8 RGB of any size, with the options of
     `shaftpose predict`.
 
-    model: see `model_file`; None: the default bundled model. camera: OpenCV's calibration file.
-    view_deg: instead of `camera`, the angle across a frame's central square, without distortion.
-    diameter_mm: of the shafts. crop: x, y, width, height of the part of all frames to look at, px;
-    the camera is then that of the part. score: least score of a detection; None: the model's own
-    threshold. refine: see `settings.choices`. backend: the program that runs the model. warn: gets
-    a warning if the camera or the shafts are unknown, and later ones about frames.
+    model: see `model_file`; None: the default bundled model. camera: a calibration file of OpenCV
+    or ROS. view_deg: instead of `camera`, the angle across a frame's central square, without
+    distortion. diameter_mm: of the shafts. crop: x, y, width, height of the part of all frames to
+    look at, px; the camera is then that of the part. score: least score of a detection; None: the
+    model's own threshold. refine: see `settings.choices`. backend: the program that runs the model.
+    warn: gets each warning once: of a camera or shafts that are unknown, and later of frames.
     Raises InputError naming the file or the option that cannot be used.
     """
+    warn = cache(warn)  # once for each message
     _check(camera, view_deg, diameter_mm, score, crop)
     _check_choice("refine", refine, get_args(Refinement))
     _check_choice("backend", backend, get_args(Backend))
@@ -66,7 +68,7 @@ def load(
     views = _views(predictor, None if camera is None else Path(camera), view_deg, warn)
     if crop is not None:
         views = parts_of(views, crop)
-    return ShaftFinder(predictor, views, least, diameter_mm, metric=not unknown)
+    return ShaftFinder(predictor, views, least, diameter_mm, not unknown, warn)
 
 
 def _check(
@@ -122,7 +124,7 @@ def _views(
     """Views of the frames of the user's camera."""
     any_size = predictor.takes_any_size
     if calibration is not None:
-        return known_camera(calibrated(calibration), predictor.camera, any_size, warn)
+        return known_camera(read_camera(calibration, warn), predictor.camera, any_size, warn)
     if view_deg is not None:
         return known_camera(stated_view(view_deg), predictor.camera, any_size, warn)
     return unknown_camera(predictor.camera, any_size, warn)

@@ -9,10 +9,10 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Detections
-from shaftpose.inference.fields import Picture, visible_field
+from shaftpose.inference.fields import LEAST_LEVEL, Picture, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, Views
+from shaftpose.inference.views import View, Views, Warn
 from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
@@ -23,8 +23,8 @@ class ShaftFinder:
     """Finds shafts in a user's frames.
 
     views: of the frames. score: least score of a detection. diameter_mm: of the user's shafts;
-    None: the model's. metric: whether camera and shaft are known. Raises InputError if
-    `diameter_mm` is given and the model states no diameter.
+    None: the model's. metric: whether camera and shaft are known. warn: gets warnings of frames
+    that show nothing. Raises InputError if `diameter_mm` is given and the model states no diameter.
     """
 
     def __init__(
@@ -34,16 +34,18 @@ class ShaftFinder:
         score: float,
         diameter_mm: float | None,
         metric: bool,
+        warn: Warn,
     ) -> None:
         self._predictor, self._views, self._score = predictor, views, score
         self._scale = _scale(predictor.metadata.shaft_diameter_mm, diameter_mm)
-        self._metric = metric
+        self._metric, self._warn = metric, warn
         self.diameter_mm = diameter_mm or predictor.metadata.shaft_diameter_mm  # None: a CAD file's
 
-    def __call__(self, rgb: Image) -> list[FoundShaft]:
+    def __call__(self, rgb: Image, source: str = "a frame") -> list[FoundShaft]:
         """The shafts in a frame (H, W, 3) uint8 RGB, best score first.
 
-        Raises InputError if the frame does not fit the user's camera, or is too large.
+        source: its name in warnings. Raises InputError if the frame does not fit the user's camera,
+        or is too large.
         """
         height, width = rgb.shape[:2]
         if max(height, width) > _LONGEST_PX:
@@ -53,9 +55,12 @@ class ShaftFinder:
         view = self._views(width, height)
         fine = view.fine_picture(rgb) if self._predictor.fits_edges else None
         picture, corner = Picture(view.picture(rgb), fine, view.camera), np.zeros(2)
+        field = visible_field(picture.rgb)
+        if field is None:
+            lit = "all black" if rgb.max() < LEAST_LEVEL else "dark in more than 95 % of it"
+            self._warn(f"{source}: a frame of {width} x {height} px is {lit}")
         if self._predictor.takes_any_size:
-            field = visible_field(picture.rgb)
-            if field is None:  # nearly all black
+            if field is None:
                 return []
             picture, corner = picture.within(field), np.array(field.box[:2])
         (every,) = self._predictor(picture.rgb[None], [picture.fine], picture.camera)

@@ -249,7 +249,7 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
     """Views of a known camera's frames: for a network of any size as a pinhole camera with the
     model's focal length sees them, else resampled for the model's camera.
 
-    Warns if the known camera sees clearly less than the model's square.
+    They warn of what is not seen.
     """
 
     @lru_cache(maxsize=_CACHED)
@@ -263,6 +263,8 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
                     f"has {pinhole.width} x {pinhole.height} px at the model's scale, which needs "
                     f"{_LEAST_PX} a side: the camera's angle is too small; check the stated camera"
                 )
+            for cut in calibration.cuts():
+                warn(cut)
             return Resampled(calibration, pinhole)
         resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
