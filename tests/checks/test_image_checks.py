@@ -118,6 +118,10 @@ def test_a_sound_image_passes(pair: ExpectedSet) -> None:
          "mask.json: 1 entries for the 2 shafts"),
         ("mask_visib.json", lambda c: c["0"].update(counts=[-1, 89402]),
          "mask_visib.json: mask 0 has a run of -1 px"),
+        ("mask_tool.json", lambda c: c["counts"].append(5),
+         "mask_tool.json: the mask has 89406 px"),
+        ("mask_tool.json", lambda c: c.update(counts=[89399, 2]),
+         "2 px in the tool mask: shaft.json has no jaws"),
         ("shaft.json", lambda c: c.update(background="x.jpg"),
          "background = 'x.jpg': not among the backgrounds of this set"),
         ("shaft.json", lambda c: c.update(source="tissue-1"),
@@ -250,6 +254,17 @@ def test_masks_of_occluded_shafts_are_not_compared(tmp_path: Path) -> None:
     (shard,) = checked(with_scene(expected, occluder_probability=0.5))
     assert not shard.problems
     assert shard.images[0].shafts[0].silhouette_iou is None
+
+
+def test_a_tool_mask_on_a_shaft(tmp_path: Path) -> None:
+    (mask,) = silhouettes([LEFT])
+    tool = np.zeros_like(mask)
+    tool.flat[np.flatnonzero(mask)[:3]] = tool[0, 0] = True
+    wrong = replace(sample(0, [LEFT], jaws=[{}]), tool_mask=tool)
+    (shard,) = checked(write_set(tmp_path, [[wrong]]))
+    assert "shaft 0: 3 px of its visible mask are in the tool mask" in [
+        problem.what for problem in shard.problems
+    ]
 
 
 def test_masks_behind_jaws_are_not_compared(tmp_path: Path) -> None:

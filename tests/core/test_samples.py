@@ -26,7 +26,7 @@ def test_content_is_what_bop_asks_for(tmp_path: Path) -> None:
         assert set(tar.getnames()) == {
             f"000000000.{suffix}"
             for suffix in ("rgb.jpg", "camera.json", "gt.json", "gt_info.json", "mask.json",
-                           "mask_visib.json", "shaft.json")
+                           "mask_visib.json", "mask_tool.json", "shaft.json")
         }  # fmt: skip
     parts = {name: json.loads(read_member(path, f"000000000.{name}.json"))
              for name in ("camera", "gt", "gt_info", "mask", "shaft")}  # fmt: skip

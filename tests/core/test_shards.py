@@ -1,6 +1,8 @@
 """Reading of shards, whole and damaged."""
 
+import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +45,19 @@ def test_a_sample_survives_writing_and_reading(tmp_path: Path) -> None:
         assert np.abs(difference).max() <= 4
 
 
+def test_a_tool_mask_survives_and_is_empty_by_default(tmp_path: Path) -> None:
+    tool = np.zeros((SIZE, SIZE), dtype=bool)
+    tool[7:9, 20:26] = True
+    write_shard(tmp_path / shard_name(0), [replace(make_sample(0), tool_mask=tool), make_sample(1)])
+    # 20 columns of 64 px and 7 px before the first run of 2, five more, and the rest.
+    encoded = json.loads(read_member(tmp_path / shard_name(0), "000000000.mask_tool.json"))
+    assert encoded == {"counts": [1287, *5 * [2, 62], 2, 2487], "size": [SIZE, SIZE]}
+    dataset = ShardedDataset(tmp_path)
+    np.testing.assert_array_equal(dataset.tool_mask("000000000"), tool)
+    assert dataset.tool_mask("000000001").shape == (SIZE, SIZE)
+    assert not dataset.tool_mask("000000001").any()
+
+
 def test_hand_values_of_a_read_sample(tmp_path: Path) -> None:
     write_shard(tmp_path / shard_name(0), [make_sample(0)])
     read = ShardedDataset(tmp_path).annotations("000000000")
@@ -82,6 +97,7 @@ def test_damaged_json_is_named_with_its_member(tmp_path: Path) -> None:
         ("shaft.json", b"yaw_deg", b"yow_deg", ShardedDataset.annotations),
         ("mask_visib.json", b'"size"', b'"sizf"', ShardedDataset.masks),
         ("mask_visib.json", b'"0"', b'"1"', ShardedDataset.masks),
+        ("mask_tool.json", b'"size"', b'"sizf"', ShardedDataset.tool_mask),
         ("gt_info.json", b"visib_fract", b"visib_frict", ShardedDataset.visible_fractions),
     ],
 )

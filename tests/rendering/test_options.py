@@ -58,6 +58,7 @@ class Rendered:
     rgb: NDArray[np.uint8]
     camera: Camera
     shafts: list[Shaft]
+    tool: Mask
     described: dict[str, Any]
 
 
@@ -86,7 +87,13 @@ def read(folder: Path) -> list[Rendered]:
             for pose, (mask, info, gt) in zip(described["shafts"], known, strict=True)
         ]
         images.append(
-            Rendered(np.load(folder / f"{key}.npy"), shards.camera(key), shafts, described)
+            Rendered(
+                np.load(folder / f"{key}.npy"),
+                shards.camera(key),
+                shafts,
+                shards.tool_mask(key),
+                described,
+            )
         )
     return images
 
@@ -300,7 +307,7 @@ def test_an_image_of_all_options_is_the_same_alone_in_a_process(
     one, all_of_them = ShardedDataset(tmp_path / "alone"), ShardedDataset(forceps_folder)
     assert one.keys == [sample_key(last)]
     for suffix in ("rgb.jpg", "gt.json", "gt_info.json", "mask.json", "mask_visib.json",
-                   "shaft.json"):  # fmt: skip
+                   "mask_tool.json", "shaft.json"):  # fmt: skip
         members = (shards._location(sample_key(last), suffix) for shards in (one, all_of_them))
         first, second = (member.read() for member in members)
         assert first == second, suffix
@@ -374,7 +381,7 @@ def test_coatings_change_the_shafts_alone(alike: dict[str, list[Rendered]]) -> N
         assert differs[all_masks(films)].mean() > 0.5
 
 
-def test_jaws_are_drawn_beyond_the_tip_and_not_annotated(
+def test_jaws_are_drawn_beyond_the_tip_in_the_tool_mask(
     alike: dict[str, list[Rendered]],
 ) -> None:
     for plain, changed in zip(alike["plain"], alike["jaws"], strict=True):
@@ -383,6 +390,18 @@ def test_jaws_are_drawn_beyond_the_tip_and_not_annotated(
         for before, after in zip(plain.shafts, changed.shafts, strict=True):
             assert before.pose == after.pose
             assert not (after.mask & ~before.mask).any()  # jaws hide, but are no part of a mask
+            assert not (after.mask & changed.tool).any()
+        instruments = all_masks(changed) | changed.tool
+        assert not plain.tool.any()
+        assert not (beyond & ~grown(instruments, 2)).any()
+
+
+def test_jaws_join_their_shafts_without_a_gap(alike: dict[str, list[Rendered]]) -> None:
+    for plain, changed in zip(alike["plain"], alike["jaws"], strict=True):
+        instruments = all_masks(changed) | changed.tool
+        assert not (all_masks(plain) & ~instruments).any()
+        parts, _ = cv2.connectedComponents(instruments.astype(np.uint8))
+        assert parts - 1 <= len(changed.shafts)  # the background is a part, too
 
 
 # A CAD file of a plain rod, whose exact masks are known.

@@ -66,6 +66,7 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
     "gt_info.json": TypeAdapter(list[ExtentEntry], config=_FINITE),
     "mask.json": TypeAdapter(dict[str, RunLengths]),
     "mask_visib.json": TypeAdapter(dict[str, RunLengths]),
+    "mask_tool.json": TypeAdapter(RunLengths),
     "shaft.json": TypeAdapter(SceneFile),
 }
 
@@ -74,7 +75,8 @@ _KINDS: dict[str, TypeAdapter[Any]] = {
 class AnnotatedImage:
     """One image and its annotations, with one entry for each shaft in each list.
 
-    masks: (H, W) each, the visible pixels; amodal_masks: (H, W) each, hidden ones too.
+    masks: (H, W) each, the visible pixels; amodal_masks: (H, W) each, hidden ones too; tool_mask:
+    (H, W), visible pixels of instruments that are no annotated shaft.
     """
 
     jpeg: bytes
@@ -83,6 +85,7 @@ class AnnotatedImage:
     extents: list[ExtentEntry]
     masks: list[NDArray[np.bool_]]
     amodal_masks: list[NDArray[np.bool_]]
+    tool_mask: NDArray[np.bool_]
     scene: SceneFile
 
 
@@ -107,6 +110,7 @@ def read_image(members: Mapping[str, bytes], size_px: int) -> AnnotatedImage:
         extents=parts["gt_info.json"],
         masks=_masks(parts["mask_visib.json"], "mask_visib.json", size_px),
         amodal_masks=_masks(parts["mask.json"], "mask.json", size_px),
+        tool_mask=_mask(parts["mask_tool.json"], "mask_tool.json: the mask", size_px),
         scene=scene,
     )
 
@@ -148,13 +152,16 @@ def _masks(encoded: Mapping[str, RunLengths], suffix: str, size_px: int) -> list
         runs = encoded.get(str(number))
         if runs is None:
             raise InputError(f"{suffix}: no mask {number}, though there are {len(encoded)}")
-        pixels = sum(runs.counts)
-        if runs.size != (size_px, size_px) or pixels != size_px**2:
-            raise InputError(
-                f"{suffix}: mask {number} has {pixels} px and the size {runs.size}, not "
-                f"{size_px} x {size_px}"
-            )
-        if min(runs.counts) < 0:
-            raise InputError(f"{suffix}: mask {number} has a run of {min(runs.counts)} px")
-        masks.append(runs.mask())
+        masks.append(_mask(runs, f"{suffix}: mask {number}", size_px))
     return masks
+
+
+def _mask(runs: RunLengths, what: str, size_px: int) -> NDArray[np.bool_]:
+    pixels = sum(runs.counts)
+    if runs.size != (size_px, size_px) or pixels != size_px**2:
+        raise InputError(
+            f"{what} has {pixels} px and the size {runs.size}, not {size_px} x {size_px}"
+        )
+    if min(runs.counts) < 0:
+        raise InputError(f"{what} has a run of {min(runs.counts)} px")
+    return runs.mask()

@@ -34,6 +34,7 @@ def shaft_problems(
     yield from _coverage(image, scene)
     yield from _crossings(image, scene)
     yield from _overlap(image.masks)
+    yield from _tool(image)
     yield from _collisions(image.scene.shafts, scene.lens_radius_mm, body)
 
 
@@ -131,6 +132,17 @@ def _overlap(masks: Sequence[NDArray[np.bool_]]) -> Iterator[str]:
         shared = int(np.sum(first & second))
         if shared:
             yield f"shafts {a} and {b}: their visible masks share {shared} px"
+
+
+def _tool(image: AnnotatedImage) -> Iterator[str]:
+    """Check the tool mask: only jaws are in it, and no pixel of a shaft."""
+    pixels = int(image.tool_mask.sum())
+    if pixels and not any(image.scene.jaws):
+        yield f"{pixels} px in the tool mask: shaft.json has no jaws"
+    for n, mask in enumerate(image.masks):
+        shared = int(np.sum(image.tool_mask & mask))
+        if shared:
+            yield f"shaft {n}: {shared} px of its visible mask are in the tool mask"
 
 
 def _collisions(poses: Sequence[ShaftPose], lens_mm: float, body: Body) -> Iterator[str]:

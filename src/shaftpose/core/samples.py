@@ -36,7 +36,8 @@ class Instrument:
 class Sample:
     """One image (H, W, 3) with its annotations.
 
-    scene_description: the renderer's description of the scene, for shaft.json.
+    scene_description: the renderer's description of the scene, for shaft.json; tool_mask: (H, W),
+    the visible pixels of instruments that are no annotated shaft, such as jaws; None for none.
     """
 
     key: str
@@ -44,6 +45,7 @@ class Sample:
     instruments: tuple[Instrument, ...]
     camera: Camera
     scene_description: Mapping[str, Any]
+    tool_mask: NDArray[np.bool_] | None = None
 
 
 def sample_key(index: int) -> str:
@@ -53,13 +55,16 @@ def sample_key(index: int) -> str:
 
 def encode_sample(sample: Sample, jpeg_quality: int) -> dict[str, bytes]:
     """The files of one sample: suffix -> bytes."""
-    shafts = sample.instruments
+    shafts, tool = sample.instruments, sample.tool_mask
+    if tool is None:
+        tool = np.zeros(sample.rgb.shape[:2], dtype=bool)
     contents: dict[str, Any] = {
         "camera.json": to_json(CameraFile.of(sample.camera)),
         "gt.json": [to_json(PoseEntry.of(shaft.pose, shaft.roll_deg)) for shaft in shafts],
         "gt_info.json": [to_json(ExtentEntry.of(s.mask, s.amodal_mask)) for s in shafts],
         "mask.json": _run_lengths([shaft.amodal_mask for shaft in shafts]),
         "mask_visib.json": _run_lengths([shaft.mask for shaft in shafts]),
+        "mask_tool.json": to_json(RunLengths.of(tool)),
         "shaft.json": {
             "shafts": [vars(shaft.pose) for shaft in shafts],
             **sample.scene_description,

@@ -24,6 +24,7 @@ SUFFIXES = (
     "gt_info.json",
     "mask.json",
     "mask_visib.json",
+    "mask_tool.json",
     "shaft.json",
 )
 

@@ -95,6 +95,14 @@ class ShardedDataset:
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(key, "mask_visib.json", "mask") from error
 
+    def tool_mask(self, key: str) -> NDArray[np.bool_]:
+        """The visible pixels (H, W) of instruments in one image that are no annotated shaft."""
+        encoded = self._json(key, "mask_tool.json")
+        try:
+            return from_json(RunLengths, encoded).mask()
+        except (TypeError, ValueError) as error:
+            raise self._damaged(key, "mask_tool.json", "mask") from error
+
     def visible_fractions(self, key: str) -> list[float]:
         """The visible share of each instrument of one image."""
         infos = self._json(key, "gt_info.json")

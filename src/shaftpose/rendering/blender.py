@@ -13,7 +13,7 @@ from shaftpose.core.masks import mask_box
 from shaftpose.rendering.cycles import PassReader, set_border, set_up_cycles, use_device
 from shaftpose.rendering.materials import SceneImages
 from shaftpose.rendering.optics import pinhole_behind, seen_by
-from shaftpose.rendering.placed_bodies import UNANNOTATED_INDEX, Shafts, Unannotated
+from shaftpose.rendering.placed_bodies import Shafts, Unannotated
 from shaftpose.rendering.regions import Region, cover, touched_pixels
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.shapes import instrument_shape
@@ -30,7 +30,7 @@ class Foreground:
     """Blender's output for the region of shafts and occluders; the whole image if distorted.
 
     linear: (h, w, 4) float32, scene-linear RGB premultiplied by alpha; index: (h, w) int, n + 1
-    where shaft n is in front at the pixel's centre, 0 elsewhere.
+    where shaft n is in front at the pixel's centre, `TOOL_INDEX` where jaws are, 0 elsewhere.
     """
 
     region: Region
@@ -107,6 +107,5 @@ class Renderer:
             self._images.remove_past()
             linear[region.slices] = passes["Combined"]
             index[region.slices] = np.rint(passes["IndexOB"][..., 0])
-        index[index == UNANNOTATED_INDEX] = 0
         whole = Region(*mask_box(touched))
         return Foreground(whole, linear[whole.slices], index[whole.slices])

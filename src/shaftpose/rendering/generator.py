@@ -15,6 +15,7 @@ from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.rendering.blender import Foreground, Renderer
 from shaftpose.rendering.compositing import composite, contact_shadow, darken
 from shaftpose.rendering.optics import apply_lens
+from shaftpose.rendering.placed_bodies import TOOL_INDEX
 from shaftpose.rendering.scene import Scene
 from shaftpose.rendering.scene_sampler import SceneSampler
 from shaftpose.rendering.shapes import instrument_shape
@@ -46,6 +47,7 @@ class SampleGenerator:
             instruments=instruments,
             camera=scene.camera,
             scene_description=self._description(scene, index),
+            tool_mask=_index(scene, foreground) == TOOL_INDEX,
         )
 
     def _acceptable(self, index: int) -> tuple[Scene, Foreground | None, tuple[Instrument, ...]]:
@@ -144,10 +146,16 @@ def photograph(
 
 def _masks(scene: Scene, foreground: Foreground | None) -> list[NDArray[np.bool_]]:
     """The visible pixels (H, W) of each shaft."""
+    index = _index(scene, foreground)
+    return [index == number + 1 for number in range(len(scene.shafts))]
+
+
+def _index(scene: Scene, foreground: Foreground | None) -> NDArray[np.int64]:
+    """The index (H, W) of the body in front at each pixel's centre: see `Foreground`."""
     index = np.zeros((scene.camera.height, scene.camera.width), dtype=np.int64)
     if foreground is not None:
         index[foreground.region.slices] = foreground.index
-    return [index == number + 1 for number in range(len(scene.shafts))]
+    return index
 
 
 def read_background(path: Path, size_px: int) -> NDArray[np.uint8]:

@@ -16,8 +16,10 @@ from shaftpose.settings.schema import LensSettings, Range, RenderSettings, Scene
 # Estimated in laparoscopic images. Lengths and widths are in diameters of the shaft.
 _BARE_TIPS, _LONGEST_BARE = 0.2, 1.0  # share of coated shafts with a bare steel end; its length
 _JAW_WIDTHS, _JAW_LENGTHS = (0.4, 1.0), (0.8, 4.0)
-_JAW_OPENINGS_DEG = 0.0, 70.0
-# Closed jaws as wide as the shaft would look like a part of it, so wide jaws are always open.
+# In annotations of real images, closed jaws in line with the shaft and as wide as it are shaft:
+# nobody sees where they begin. Rendered jaws are all tool, so none are closed; wide jaws must open
+# more to look like jaws.
+_JAW_OPENINGS_DEG = 8.0, 70.0
 _WIDE_JAWS, _LEAST_OPENING_DEG = 0.8, 15.0
 
 

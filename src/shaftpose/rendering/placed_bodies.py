@@ -20,8 +20,9 @@ from shaftpose.rendering.meshes import Mesh, lump_mesh
 from shaftpose.rendering.scene import Jaws, Occluder, Scene
 from shaftpose.rendering.shapes import Shape, jaws_mesh
 
-# Object index of lumps and jaws: above any number of shafts, below Blender's limit of 32,767.
-UNANNOTATED_INDEX = 30_000
+# Object index of jaws: above any number of shafts, below Blender's limit of 32,767. Lumps have 0,
+# like pixels without a body.
+TOOL_INDEX = 30_000
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -88,7 +89,7 @@ class Shafts:
 
 
 class Unannotated:
-    """Jaws and lumps of tissue, which have no mask; each image has its own meshes."""
+    """Jaws and lumps of tissue, which are no annotated shaft; each image has its own meshes."""
 
     def __init__(self, scene: Any) -> None:
         self._scene = scene
@@ -112,7 +113,8 @@ class Unannotated:
             if one is not None:
                 mesh = jaws_mesh(one.width_mm, one.length_mm, one.opening_deg)
                 steel.apply(one.steel)
-                self._add("jaws", mesh, place @ _turned_about_z(one.roll_deg), steel.material)
+                turned = place @ _turned_about_z(one.roll_deg)
+                self._add("jaws", mesh, turned, steel.material, TOOL_INDEX)
 
     def add_lumps(self, occluders: Sequence[Occluder], background: Any) -> None:
         """Add lumps of tissue in the colours of a Blender image."""
@@ -121,16 +123,16 @@ class Unannotated:
         for occluder, tissue in zip(occluders, self._tissues, strict=False):
             mesh = lump_mesh(occluder.radii_mm, occluder.shape_seed)
             tissue.apply(background, occluder.tint)
-            self._add("lump", mesh, _occluder_matrix(occluder), tissue.material)
+            self._add("lump", mesh, _occluder_matrix(occluder), tissue.material, 0)
 
     def meshes(self) -> Iterator[tuple[Mesh, Array]]:
         """Each placed mesh, and the matrix (4, 4) from its frame to the camera's."""
         return ((mesh, _FLIP @ np.array(body.matrix_world)) for body, mesh in self._placed)
 
-    def _add(self, name: str, mesh: Mesh, place: Array, material: Any) -> None:
+    def _add(self, name: str, mesh: Mesh, place: Array, material: Any, index: int) -> None:
         body = bpy.data.objects.new(name, blender_mesh(name, mesh, smooth=True))
         body.data.materials[0] = material
-        body.pass_index = UNANNOTATED_INDEX
+        body.pass_index = index
         body.matrix_world = _to_blender(_FLIP @ place)
         self._scene.collection.objects.link(body)
         self._placed.append((body, mesh))

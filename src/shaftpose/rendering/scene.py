@@ -32,7 +32,7 @@ class Coating:
 
 @dataclass(frozen=True)
 class Jaws:
-    """Steel jaws in front of a shaft's tip, which are no part of the annotated shaft."""
+    """Steel jaws in front of a shaft's tip: part of the tool mask, not of the annotated shaft."""
 
     opening_deg: float
     width_mm: float
