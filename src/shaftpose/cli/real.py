@@ -1,27 +1,42 @@
 """`shaftpose real fetch`: public endoscopic images, joined with this project's annotations.
 
-Instruments: 89 laparoscopic frames of 13 operations, 53 for training and 36 of other operations for
-tests. Backgrounds: squares without instruments; none is of an operation of the tests.
+Instruments: 89 frames of 13 laparoscopic operations and 738 of 15 laparoscopic and robotic ones, in
+parts for training, validation and tests that share no operation (`real_images/parts.csv`).
+Backgrounds: squares without instruments, of no operation of validation or tests.
 """
 
 import argparse
 import csv
+import hashlib
 import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
+from typing import Any
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.files import naming_refusal, new_file, read_json
+from shaftpose.core.files import naming_refusal, new_file, read_json, write_json
 from shaftpose.core.images import centre_square, read_rgb, write_jpeg
 
 _ANNOTATIONS = Path(__file__).with_name("real_images")
-_PARTS = ("train.json", "test.json")
+_PARTS = ("train.json", "validation.json", "test.json")
 _BACKGROUND_PX = 512
+_BATCH = 40  # images that an interrupted download may lose
+_GIT_LIMIT_S = 900  # for one batch, or for a repository without its images
+# git gives up below 1 kB/s for a minute; it asks for no password, since none is needed.
+_GIT_ENVIRONMENT = {
+    "GIT_HTTP_LOW_SPEED_LIMIT": "1000",
+    "GIT_HTTP_LOW_SPEED_TIME": "60",
+    "GIT_TERMINAL_PROMPT": "0",
+}
+# A checkout alone would fetch the contents of files one by one.
+_FETCH = (
+    *("-c", "fetch.negotiationAlgorithm=noop", "fetch", "--quiet", "--no-tags"),
+    *("--no-write-fetch-head", "--filter=blob:none", "origin"),
+)
 
 
 @dataclass(frozen=True)
@@ -33,12 +48,20 @@ class Repository:
     licence: str
 
 
-FRAMES = "laparoscopic-dataset"
+FRAMES, TOOLS = "laparoscopic-dataset", "surgical-segmentation"
+_TOOLS_FOLDER = "source_code/model-training-files/datasets/surgical-segmentation-3"
 REPOSITORIES = {
     FRAMES: Repository(
         "https://github.com/egoodman92/laparoscopic-dataset",
         "88d8b5108bf9c852d87fc4ca45aa101da5a7cfb2",
         "MIT",
+    ),
+    TOOLS: Repository(
+        "https://github.com/yousskad/"
+        "Informative-vs-Uninformative-Surgical-Video-Frame-Classification",
+        "8afa089570433120bee88636c44c40318d4cce8f",
+        "CC BY 4.0: images, and outlines of whole tools and of the view, here rounded to whole "
+        "pixels: Roboflow user works-ly0n7, project surgical-segmentation-yh9n7, version 3",
     ),
     "vocalfolds": Repository(
         "https://github.com/imesluh/vocalfolds",
@@ -50,8 +73,30 @@ REPOSITORIES = {
 
 
 @dataclass(frozen=True)
-class Crop:
-    """A square of an image in a repository; operation: the patient or operation that it shows."""
+class Frame:
+    """An image of a repository, copied as it is. file: in the repository; target: in the folder."""
+
+    repository: str
+    file: str
+    target: str
+
+    def is_in(self, folder: Path, blobs: Mapping[str, str]) -> bool:
+        """Whether the folder holds it. blobs: git's names of the contents of files."""
+        path = folder / self.target
+        return path.is_file() and _blob(path.read_bytes()) == blobs.get(self.file)
+
+    def write(self, clone: Path, folder: Path) -> None:
+        """Copy it from a clone of its repository."""
+        with new_file(folder / self.target) as path:
+            shutil.copyfile(clone / self.file, path)
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square x, y, size of an image of a repository, written as a background.
+
+    Each operation has a folder, which counts as one source of backgrounds.
+    """
 
     repository: str
     file: str
@@ -60,9 +105,24 @@ class Crop:
     y: int
     size: int
 
+    @property
+    def target(self) -> str:
+        """The file in the folder."""
+        name = f"{self.repository}-{self.operation}/{Path(self.file).stem}.jpg"
+        return f"backgrounds/{name}"
+
+    def is_in(self, folder: Path, blobs: Mapping[str, str]) -> bool:
+        """Whether the folder holds it."""
+        return (folder / self.target).is_file()
+
+    def write(self, clone: Path, folder: Path) -> None:
+        """Cut it from a clone of its repository."""
+        rgb = read_rgb(clone / self.file)[self.y : self.y + self.size, self.x : self.x + self.size]
+        write_jpeg(centre_square(rgb, _BACKGROUND_PX), folder / self.target)
+
 
 def run(options: argparse.Namespace) -> None:
-    """Write `images/`, `train.json`, `test.json`, `backgrounds/` and `SOURCES.txt` to a folder."""
+    """Write images, the COCO files of the parts, backgrounds and `SOURCES.txt` to a folder."""
     with naming_refusal(options.folder, "name another folder"):
         fetch(options.folder, REPOSITORIES)
     print(
@@ -71,73 +131,110 @@ def run(options: argparse.Namespace) -> None:
     )
 
 
-def fetch(out: Path, repositories: dict[str, Repository]) -> None:
+def fetch(out: Path, repositories: Mapping[str, Repository]) -> None:
     """Download the images that the annotations need, and write them to a folder.
 
-    Raises InputError if the folder holds annotations already, git is missing or a download fails.
+    Images that the folder holds are kept. Raises InputError if it holds other annotations, git is
+    missing or a download fails.
     """
-    held = [out / name for name in _PARTS if (out / name).exists()]
-    if held:
-        raise InputError(f"{held[0]}: would be replaced; name a new folder")
-    parts = [read_json(_ANNOTATIONS / name, "install shaftpose again") for name in _PARTS]
-    frames = [image["file_name"] for part in parts for image in part["images"]]
-    crops = list(_crops(_ANNOTATIONS / "backgrounds.csv"))
-    needed = {
-        name: [crop.file for crop in crops if crop.repository == name] for name in repositories
-    }
-    needed[FRAMES] += frames
-    with tempfile.TemporaryDirectory() as folder:
-        clones = {name: Path(folder) / name for name in repositories}
-        for name, repository in repositories.items():
-            _check_out(repository, sorted(set(needed[name])), clones[name])
-        for frame in frames:
-            _copy(clones[FRAMES] / frame, out / frame)
-        for crop in crops:
-            _write_square(clones[crop.repository] / crop.file, crop, out / "backgrounds")
-    for name in _PARTS:
-        _copy(_ANNOTATIONS / name, out / name)
-    notices = (f"{r.url} at {r.commit}: {r.licence}\n" for r in repositories.values())
+    parts = {name: annotations(name) for name in _PARTS}
+    for name, content in parts.items():
+        if (out / name).exists() and read_json(out / name, "name a new folder") != content:
+            raise InputError(f"{out / name}: would be replaced; name a new folder")
+    squares = _squares(_ANNOTATIONS / "backgrounds.csv")
+    images: list[Frame | Square] = [*_frames(parts), *squares]
+    for name, repository in repositories.items():
+        _download(repository, [image for image in images if image.repository == name], out)
+    for name, content in parts.items():
+        write_json(out / name, content)
+    notices = [f"{r.url} at {r.commit}: {r.licence}\n" for r in repositories.values()]
     with new_file(out / "SOURCES.txt") as path:
-        path.write_text("".join(chain(notices, ["Annotations: the shaftpose project, CC0\n"])))
+        own = "Outlines of shafts, their tips and tails: the shaftpose project, CC0\n"
+        path.write_text("".join([*notices, own]))
 
 
-def _crops(path: Path) -> Iterator[Crop]:
+def annotations(name: str) -> dict[str, Any]:
+    """The COCO file of a part, with what the package leaves out since polygons tell it."""
+    content: dict[str, Any] = read_json(_ANNOTATIONS / name, "install shaftpose again")
+    for annotation in content["annotations"]:
+        annotation |= {"iscrowd": 0} | _extent(annotation["segmentation"])
+    return content
+
+
+def _extent(polygons: Sequence[Sequence[float]]) -> dict[str, Any]:
+    """`bbox` and `area` of polygons x, y, x, y, ... that do not overlap."""
+    xs, ys = ([v for polygon in polygons for v in polygon[axis::2]] for axis in (0, 1))
+    x, y = min(xs), min(ys)
+    return {"bbox": [x, y, max(xs) - x, max(ys) - y], "area": sum(map(_area, polygons))}
+
+
+def _area(polygon: Sequence[float]) -> float:
+    xs, ys = polygon[::2], polygon[1::2]
+    before = zip([xs[-1], *xs], [ys[-1], *ys], xs, ys, strict=False)
+    return abs(sum(x0 * y - x * y0 for x0, y0, x, y in before)) / 2
+
+
+def _frames(parts: Mapping[str, dict[str, Any]]) -> Iterator[Frame]:
+    for image in (image for content in parts.values() for image in content["images"]):
+        if "source" in image:
+            yield Frame(TOOLS, f"{_TOOLS_FOLDER}/{image['source']}", image["file_name"])
+        else:
+            yield Frame(FRAMES, image["file_name"], image["file_name"])
+
+
+def _squares(path: Path) -> Iterator[Square]:
     with path.open(newline="") as stream:
         for row in csv.DictReader(stream):
             square = (int(row[name]) for name in ("crop_x", "crop_y", "crop_size"))
-            yield Crop(row["repository"], row["file"], row["operation"], *square)
+            yield Square(row["repository"], row["file"], row["operation"], *square)
 
 
-def _check_out(repository: Repository, paths: Sequence[str], clone: Path) -> None:
-    """Clone a repository without its files, then get those of `paths` at its commit."""
-    print(f"downloading {len(paths)} images of {repository.url}")
-    _git("clone", "--quiet", "--filter=blob:none", "--no-checkout", repository.url, str(clone))
-    _git("-C", str(clone), "checkout", "--quiet", repository.commit, "--", *paths)
+def _download(repository: Repository, images: Sequence[Frame | Square], out: Path) -> None:
+    """Write the images of a repository that a folder lacks, in batches: finished ones are kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        clone = Path(folder)
+        _git("clone", "--quiet", "--filter=blob:none", "--no-checkout", repository.url, folder)
+        blobs = _blobs(_git("-C", folder, "ls-tree", "-r", "-z", repository.commit))
+        missing = [image for image in images if not image.is_in(out, blobs)]
+        held = len(images) - len(missing)
+        print(f"{repository.url}: {len(missing)} images to download, {held} are in {out}")
+        for start in range(0, len(missing), _BATCH):
+            batch = missing[start : start + _BATCH]
+            files = sorted({image.file for image in batch})
+            _git("-C", folder, *_FETCH, *{blobs[file] for file in files if file in blobs})
+            _git("-C", folder, "checkout", "--quiet", repository.commit, "--", *files)
+            for image in batch:
+                image.write(clone, out)
 
 
-def _git(*arguments: str) -> None:
+def _blobs(listing: str) -> dict[str, str]:
+    """git's names of the contents of files, from its listing `mode blob NAME<tab>FILE`."""
+    entries = (entry.partition("\t") for entry in listing.split("\0") if entry)
+    return {file: about.split()[2] for about, _, file in entries}
+
+
+def _blob(content: bytes) -> str:
+    """git's name of a file's content."""
+    header = f"blob {len(content)}\0".encode()
+    return hashlib.sha1(header + content, usedforsecurity=False).hexdigest()
+
+
+def _git(*arguments: str) -> str:
+    """The output of a git command. Raises InputError if git is missing, fails or takes too long."""
+    again = "check the connection and run the command again: finished images are kept"
     try:
-        never_asking = os.environ | {"GIT_TERMINAL_PROMPT": "0"}  # no password is needed
-        subprocess.run(
-            ["git", *arguments], check=True, capture_output=True, text=True, env=never_asking
-        )
+        return subprocess.run(
+            ["git", *arguments],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=os.environ | _GIT_ENVIRONMENT,
+            timeout=_GIT_LIMIT_S,
+        ).stdout
     except FileNotFoundError as error:
         raise InputError("git was not found; install it to fetch real images") from error
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"git: not finished after {error.timeout:.0f} s; {again}") from error
     except subprocess.CalledProcessError as error:
         reason = " ".join(error.stderr.split()) or f"status {error.returncode}"
-        raise InputError(
-            f"git: {reason}; check the connection and run the command again"
-        ) from error
-
-
-def _copy(source: Path, target: Path) -> None:
-    with new_file(target) as path:
-        shutil.copyfile(source, path)
-
-
-def _write_square(source: Path, crop: Crop, out: Path) -> None:
-    """Write a crop into the folder of its operation, which counts as one source of backgrounds."""
-    rgb = read_rgb(source)[crop.y : crop.y + crop.size, crop.x : crop.x + crop.size]
-    square = centre_square(rgb, _BACKGROUND_PX)
-    name = f"{crop.repository}-{crop.operation}"
-    write_jpeg(square, out / name / f"{Path(crop.file).stem}.jpg")
+        raise InputError(f"git: {reason}; {again}") from error
