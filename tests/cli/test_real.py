@@ -42,12 +42,8 @@ def repository(
 
 def commit(folder: Path) -> str:
     git = [*GIT, str(folder)]
-    for arguments in (
-        ["init", "-q"],
-        ["config", "uploadpack.allowFilter", "true"],
-        ["add", "."],
-        ["commit", "-q", "-m", "pictures"],
-    ):
+    commands = "init -q", "config uploadpack.allowFilter true", "add .", "commit -q -m pictures"
+    for arguments in (command.split() for command in commands):
         subprocess.run([*git, *arguments], check=True)
     head = subprocess.run([*git, "rev-parse", "HEAD"], check=True, capture_output=True, text=True)
     return head.stdout.strip()
