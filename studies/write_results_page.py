@@ -1,4 +1,5 @@
-"""Write docs/results.md, its pictures of repeated trainings and README's table: `make results`.
+"""Write docs/results.md, its pictures of repeated trainings, README's table and that of
+docs/real_images.md: `make results`.
 
 All content comes from the result files in the repository; the rounding errors of pose classes come
 from the variants' files.
@@ -22,6 +23,7 @@ from shaftpose.report.paper_numbers import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
 from shaftpose.stage_files import read_stage_file
 from studies.architecture_tables import rounding_table
 from studies.bundled_errors import recorded
+from studies.frame_tables import frame_blocks
 from studies.pages import with_tables
 from studies.palette_pictures import store_with_palette
 from studies.record import EvaluatedTraining, read_record
@@ -29,19 +31,20 @@ from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
 
 ROOT = Path(__file__).parents[1]
-PAGE, README = ROOT / "docs/results.md", ROOT / "README.md"
+PAGE, README, REAL = ROOT / "docs/results.md", ROOT / "README.md", ROOT / "docs/real_images.md"
 PAPER, OWN = "d_noise", "e"  # in README's table: the paper's best variant, ours that it lacks
 COLUMNS = tuple(metric for metric in metrics_of("detection", "pose") if metric.in_paper)
 
 
 def main() -> None:
-    """Write the page and its pictures, and README's table."""
+    """Write the page and its pictures, and the tables of README and of real frames."""
     with exit_on_input_error():
         trainings = records(ROOT)
         PAGE.write_text(page(ROOT, trainings))
         README.write_text(readme(ROOT))
+        REAL.write_text(real_images(ROOT))
         draw(repeated_figures(trainings), PAGE.parent)
-    print(f"written to {PAGE.relative_to(ROOT)} and {README.name}")
+    print(f"written to {PAGE.relative_to(ROOT)}, {README.name} and {REAL.relative_to(ROOT)}")
 
 
 def draw(figures: Mapping[str, Figure], folder: Path) -> None:
@@ -67,6 +70,12 @@ def readme(root: Path) -> str:
     """README with the table of the results below `root`."""
     tables = {"results": readme_table(report_of(root), recorded(root))}
     return with_tables((root / README.name).read_text(), tables, "make results", README.name)
+
+
+def real_images(root: Path) -> str:
+    """The page of real images with the tables of whole frames recorded below `root`."""
+    page = (root / "docs" / REAL.name).read_text()
+    return with_tables(page, {"frames": frame_blocks(root)}, "make results", REAL.name)
 
 
 def readme_table(report: AblationReport, default: MetricValues) -> str:

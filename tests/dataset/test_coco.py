@@ -355,3 +355,10 @@ def test_without_masks_there_are_boxes_only(tmp_path: Path) -> None:
     image = read_coco(path)[0]
     assert [shaft.mask for shaft in image.instruments] == [None, None]
     np.testing.assert_allclose(load_square(image, 64).boxes, square_samples()[0][1].boxes)
+
+
+def test_an_image_is_of_its_operation_or_of_its_own(tmp_path: Path) -> None:
+    content = coco_content()
+    content["images"][0]["operation"] = "00021"
+    a, b = read_coco(write_dataset(tmp_path, content))
+    assert (a.operation, b.operation) == ("a", "00021")

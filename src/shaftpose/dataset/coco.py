@@ -48,6 +48,7 @@ class _ImageEntry:
     width: PositiveInt
     height: PositiveInt
     view: list[list[_Number]] | None = None  # polygons of the visible field
+    operation: str = ""
 
 
 @pydantic.dataclasses.dataclass(frozen=True, config=_FINITE)
@@ -103,6 +104,7 @@ def read_coco(path: Path) -> list[CocoImage]:
             crowds=tuple(crowds[number]),
             tools=tuple(tools[number]),
             field=_field(entry.view, f"{path}: image {entry.file_name}"),
+            operation=entry.operation or file.stem,
         )
         for number, (entry, file) in entries.items()
     ]

@@ -49,6 +49,7 @@ class CocoImage:
 
     crowds: boxes that each hold several shafts; they have no masks. tools: whole instruments, where
     the file outlines them. field: corners of the visible field, px; None if it is not stated.
+    operation: that the image is of, or its own name if that is not stated.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class CocoImage:
     crowds: tuple[CocoInstrument, ...] = ()
     tools: tuple[CocoTool, ...] = ()
     field: tuple[Point, ...] | None = None
+    operation: str = ""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,8 @@ class Metric:
     """A row of the table.
 
     digits: decimals that are shown; kind: `pose` is the mean error of detected poses, `rod` that of
-    a rod's surface (`symmetric_errors`), `image` the median error in the image; in_paper: whether
+    a rod's surface (`symmetric_errors`), `image` the median error in the image, `frames` a metric
+    of whole real frames (`metrics.frames`); in_paper: whether
     the paper's tables have it; measure: its value on a test set, None if it is measured elsewhere.
     """
 
@@ -56,7 +57,7 @@ class Metric:
     title: str
     unit: str
     digits: int
-    kind: Literal["detection", "pose", "speed", "rod", "silhouette", "image"]
+    kind: Literal["detection", "pose", "speed", "rod", "silhouette", "image", "frames"]
     higher_is_better: bool = False
     in_paper: bool = False
     measure: Callable[[ComparedImages], float | None] | None = None
@@ -89,6 +90,10 @@ def _pose(name: str, title: str, in_paper: bool = True) -> Metric:
     return Metric(name, title, unit, 2, "pose", in_paper=in_paper, measure=_mean_of(name))
 
 
+def _frames(name: str, title: str) -> Metric:
+    return Metric(name, title, "", 3, "frames", higher_is_better=True)
+
+
 METRICS = (
     Metric("mAP", "mAP", "", 3, "detection", True, True, _mAP),
     Metric("detected_rate", "Detected rate", "", 3, "detection", True, True, _detected_rate),
@@ -107,6 +112,18 @@ METRICS = (
     Metric("tip_px", "Tip", "px", 1, "image"),
     Metric("image_axis_deg", "Axis", "deg", 1, "image"),
     Metric("axis_px", "Axis", "px", 1, "image"),
+    _frames("box_ap50", "AP50 of boxes"),
+    _frames("mask_ap50", "AP50 of masks"),
+    _frames("box_recall", "Recall of boxes"),
+    _frames("box_precision", "Precision of boxes"),
+    _frames("axis_recall", "Recall of axes"),
+    _frames("axis_precision", "Precision of axes"),
+    _frames("axis_recall_at_precision", "Recall of axes at precision 0.90"),
+    _frames("pq", "PQ"),
+    _frames("shaft_iou", "IoU per shaft"),
+    _frames("image_iou", "IoU per image"),
+    _frames("tool_iou", "IoU of tools"),
+    Metric("empty_detected", "Frames without a tool with a detection", "", 3, "frames"),
 )
 _BY_NAME = {metric.name: metric for metric in METRICS}
 

@@ -1,0 +1,95 @@
+"""A model as a user without a camera loads it, and the shafts that it finds in whole frames."""
+
+import hashlib
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Array, ShaftPose
+from shaftpose.core.images import Image
+from shaftpose.dataset.coco_images import CocoImage, Point, read_pixels
+from shaftpose.figures.drawing import SUBPIXEL_BITS, subpixel_grid
+from shaftpose.inference.fields import visible_field
+from shaftpose.inference.loading import load
+from shaftpose.inference.model_files import model_file
+from shaftpose.inference.predictor import Predictor
+from shaftpose.inference.views import View, unknown_camera
+from shaftpose.metrics.frames.comparison import FoundShafts
+from shaftpose.metrics.image_metrics import Mask
+from shaftpose.refinement.contour import Shaft, shaft_contour
+
+LEAST_SCORE = 0.01  # of the detections that average precision sees
+
+
+class FrameModel:
+    """A model for frames of unknown cameras; name: see `model_file`.
+
+    sha256: of its file. threshold: its own confidence threshold.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._find = load(name, score=LEAST_SCORE, warn=_unsaid)
+        with model_file(name) as path:
+            self._predictor = Predictor(path)
+            self.sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+        self.threshold = self._predictor.confidence
+        metadata = self._predictor.metadata
+        if metadata.shaft_diameter_mm is None or metadata.shaft_length_mm is None:
+            raise InputError(f"{name}: knows an instrument from a CAD file; name a model of shafts")
+        self._shaft = Shaft(
+            metadata.shaft_diameter_mm, metadata.shaft_length_mm, metadata.shaft_tip == "flat"
+        )
+        model = self._predictor
+        self._views = unknown_camera(model.camera, model.takes_any_size, _unsaid)
+
+    def __call__(self, image: CocoImage) -> FoundShafts:
+        """The shafts in an image. Masks end at its visible field."""
+        rgb = read_pixels(image)
+        field = field_mask(rgb, image.field)
+        view, found = self._views(image.width, image.height), self._find(rgb)
+        outlines = [outline_px(each.pose, self._shaft, view) for each in found]
+        return FoundShafts(
+            scores=np.array([each.score for each in found]),
+            boxes=np.array([each.box for each in found]).reshape(-1, 4),
+            masks=[field & convex_mask(outline, field.shape) for outline in outlines],
+            axes=np.array([each.axis_px for each in found]).reshape(-1, 2, 2),
+        )
+
+
+def _unsaid(warning: str) -> None:
+    """What a model warns users of is known here: cameras and shafts are unknown."""
+
+
+def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
+    """Points (N, 2) px of a shaft's outline in a frame, also beyond the frame's border."""
+    camera = view.camera
+    margin = max(camera.width, camera.height)
+    wide = camera.cropped(-margin, -margin, camera.width + 2 * margin, camera.height + 2 * margin)
+    return view.image_px(shaft_contour(pose.as_array(), shaft, wide).points - margin)
+
+
+def convex_mask(points: Array, size: tuple[int, ...]) -> Mask:
+    """The pixels (H, W) within the convex hull of points (N, 2) px; none without points."""
+    mask = np.zeros(size, dtype=np.uint8)
+    if len(points):
+        hull = cv2.convexHull(subpixel_grid(points))
+        cv2.fillConvexPoly(mask, hull, (1,), cv2.LINE_8, SUBPIXEL_BITS)
+    return mask.astype(bool)
+
+
+def field_mask(rgb: Image, stated: Sequence[Point] | None) -> Mask:
+    """The visible field (H, W) of a frame: the stated polygon, or else as the frame's brightness
+    tells it, all of it in the dark."""
+    if stated is not None:
+        return convex_mask(np.array(stated), rgb.shape[:2])
+    field = visible_field(rgb)
+    if field is None:
+        return np.ones(rgb.shape[:2], dtype=bool)
+    x0, y0, x1, y1 = field.box
+    y, x = np.indices(rgb.shape[:2]) + 0.5
+    inside = (x > x0) & (x < x1) & (y > y0) & (y < y1)
+    if field.disc is not None:
+        inside &= field.disc.border_px(np.stack([x, y], axis=-1)) >= 0
+    return inside

@@ -1,0 +1,109 @@
+"""Tables of models on whole real frames, from the files of `studies.real_frames`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from shaftpose.evaluation.frame_results import ALL, FrameResults
+from shaftpose.evaluation.true_shafts import GROUPS
+from shaftpose.figures.markdown import pipe_table
+from shaftpose.metrics.frames.measures import Estimate, FrameMetrics
+from shaftpose.metrics.table import Metric, metrics_named
+from shaftpose.report.cells import headings, show, show_interval
+from shaftpose.stage_files import read_stage_file
+from studies.real_frames import GALLERY, RECORDS, TEST, VALIDATION, Runs, label, runs_of
+
+BOXES = metrics_named("box_ap50", "mask_ap50", "box_recall", "box_precision")
+AXES = metrics_named("axis_recall", "axis_precision", "axis_recall_at_precision")
+MASKS = metrics_named("pq", "shaft_iou", "image_iou")
+SCENES = metrics_named("tool_iou", "empty_detected")
+_NOTHING = "No model was measured yet. `python -m studies.real_frames` measures one."
+_GALLERY = (
+    "![Worst frames](../{path})\n\n*The frames with the most missed and false shafts: annotated "
+    "outlines green, found ones yellow. The captions name model, file and part. Frames: "
+    "egoodman92/laparoscopic-dataset (MIT) and Roboflow user works-ly0n7, surgical-segmentation "
+    "v3 (CC BY 4.0), made smaller and drawn over.*"
+)
+
+
+def frame_blocks(root: Path) -> str:
+    """How often the test part was run, the tables of both parts, and the gallery below `root`."""
+    records = root / RECORDS
+    results = {part: results_of(records, part) for part in (TEST, VALIDATION)}
+    if not any(results.values()):
+        return _NOTHING
+    tables = [
+        f"**The {part} part**\n\n{part_tables(found)}" for part, found in results.items() if found
+    ]
+    drawn = [_GALLERY.format(path=RECORDS / GALLERY)] if (records / GALLERY).is_file() else []
+    groups = "; ".join(f"{name}: {meaning}" for name, meaning in GROUPS.items())
+    intervals = "In brackets: 95 % intervals (bootstrap over operations)."
+    notes = f"Groups of shafts: {groups}. {intervals}"
+    return "\n\n".join([runs_sentence(runs_of(records)), *tables, notes, *drawn])
+
+
+def results_of(records: Path, part: str) -> list[FrameResults]:
+    """The results of all models on a part, by the names of their files."""
+    return [
+        read_stage_file(path, FrameResults, "restore it from git")
+        for path in sorted(records.glob(f"*-{part}.json"))
+    ]
+
+
+def runs_sentence(runs: Runs) -> str:
+    """How often the test part was run, and with which models."""
+    listed = (f"{label(run.model, run.sha256)} on {run.date}" for run in runs.test)
+    stated = f": {', '.join(listed)}" if runs.test else ""
+    times = "once" if len(runs.test) == 1 else f"{len(runs.test)} times"
+    return f"The test part was run {times}{stated}."
+
+
+def part_tables(results: Sequence[FrameResults]) -> str:
+    """Tables of boxes, axes and masks by group, and one of scenes, one row for each model."""
+    tables = [_table(results, metrics, ("shafts",)) for metrics in (BOXES, AXES)]
+    tables.append(_table(results, MASKS, ("shafts", "missed", "false")))
+    whole = [(one, one.groups[ALL]) for one in results]
+    scenes = [
+        [_model(one), *(show(getattr(every.counts, name), 0) for name in ("frames", "operations")),
+         *_cells(every, SCENES)]
+        for one, every in whole
+    ]  # fmt: skip
+    tables.append(pipe_table(["Model", "Frames", "Operations", *headings(SCENES)], scenes))
+    return "\n\n".join(tables)
+
+
+def _table(
+    results: Sequence[FrameResults], metrics: Sequence[Metric], counts: Sequence[str]
+) -> str:
+    """Metrics and numbers of each model by group, with the mean hidden share of its shafts."""
+    rows = [
+        [
+            _model(one),
+            name,
+            show(group.hidden_share, 3),
+            *(show(getattr(group.counts, count), 0) for count in counts),
+            *_cells(group, metrics),
+        ]
+        for one in results
+        for name, group in one.groups.items()
+    ]
+    columns = ["Model", "Shafts", "Hidden", *(_HEADINGS[count] for count in counts)]
+    return pipe_table([*columns, *headings(metrics)], rows)
+
+
+_HEADINGS = {"shafts": "Number", "missed": "Missed", "false": "False"}
+
+
+def _model(results: FrameResults) -> str:
+    return label(results.model, results.sha256)
+
+
+def _cells(group: FrameMetrics, metrics: Sequence[Metric]) -> list[str]:
+    """Values of metrics with their intervals."""
+    return [_cell(group.metrics[metric.name], metric.digits) for metric in metrics]
+
+
+def _cell(estimate: Estimate, digits: int) -> str:
+    if estimate.low is None or estimate.high is None:
+        return show(estimate.value, digits)
+    interval = show_interval((estimate.low, estimate.high), 2)
+    return f"{show(estimate.value, digits)} ({interval})"

@@ -1,0 +1,104 @@
+"""What a model finds in whole frames, with a model whose answer is known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.core.cylinder import cylinder_depth
+from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.images import write_jpeg
+from shaftpose.dataset.coco_images import CocoImage
+from shaftpose.evaluation.whole_frames import FrameModel, convex_mask, field_mask, outline_px
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata, checksum
+from shaftpose.inference.views import central_square, whole_frame
+from shaftpose.refinement.contour import Shaft
+from tests.conftest import BOXES, POSES, SIDE
+
+MODEL = Camera.from_field_of_view(SIDE, SIDE, 95.0)
+SHAFT = Shaft(3.0)
+METADATA = ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat")
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        ShaftPose(1.0, -2.0, 20.0, 70.0, 123.0),
+        ShaftPose(0.0, 0.0, 15.0, 85.0, 45.0),  # leaves by the corner
+        ShaftPose(-8.0, 3.0, 25.0, 50.0, 200.0),  # grows towards the camera
+    ],
+)
+def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
+    view = whole_frame(2 * SIDE, 2 * SIDE, MODEL)
+    found = convex_mask(outline_px(pose, SHAFT, view), (2 * SIDE, 2 * SIDE))
+    seen = np.isfinite(cylinder_depth(MODEL.enlarged(2), pose, 3.0, 150.0))
+    assert (found & seen).sum() / (found | seen).sum() > 0.97
+
+
+def test_an_outline_lies_where_the_view_shows_it() -> None:
+    pose = ShaftPose(0.0, 0.0, 15.0, 85.0, 45.0)
+    square = outline_px(pose, SHAFT, central_square(SIDE, SIDE, MODEL))
+    in_wide = outline_px(pose, SHAFT, central_square(SIDE + 100, SIDE, MODEL))
+    np.testing.assert_allclose(in_wide, square + [50, 0])
+
+
+def test_a_shaft_out_of_sight_has_no_mask() -> None:
+    behind = ShaftPose(0.0, 0.0, -5.0, 70.0, 0.0)
+    outline = outline_px(behind, SHAFT, central_square(SIDE, SIDE, MODEL))
+    assert not convex_mask(outline, (SIDE, SIDE)).any()
+
+
+def test_the_field_is_the_stated_one_or_the_bright_one() -> None:
+    rgb = np.zeros((100, 200, 3), dtype=np.uint8)
+    assert field_mask(rgb, None).all()
+    rgb[:, 50:150] = 120
+    columns = np.flatnonzero(field_mask(rgb, None).all(axis=0))
+    assert (columns[0], columns[-1]) == (50, 149)
+    stated = field_mask(rgb, ((0.0, 0.0), (20.0, 0.0), (20.0, 100.0), (0.0, 100.0)))
+    assert stated[:, :20].all()
+    assert not stated[:, 22:].any()
+
+
+def test_the_field_may_be_round() -> None:
+    y, x = np.indices((200, 200)) + 0.5
+    rgb = np.where(np.hypot(x - 100, y - 100)[..., None] < 80, 120, 0).astype(np.uint8)
+    rgb = np.repeat(rgb, 3, axis=2)
+    assert field_mask(rgb, None).sum() == pytest.approx(np.pi * 80**2, rel=0.03)
+
+
+def test_a_model_finds_shafts_in_a_frames_pixels(constant_model: Path, tmp_path: Path) -> None:
+    store_metadata(constant_model, METADATA)
+    path = tmp_path / "frame.jpg"
+    write_jpeg(np.full((2 * SIDE, 2 * SIDE, 3), 120, dtype=np.uint8), path)
+    model = FrameModel(str(constant_model))
+    found = model(CocoImage(path, 2 * SIDE, 2 * SIDE, ()))
+    assert (model.threshold, model.sha256) == (0.5, checksum(constant_model).decode()[:64])
+    assert found.scores.tolist() == [0.75, 0.25]  # the unsure one, too
+    np.testing.assert_allclose(found.boxes, 2 * np.array(BOXES[:2]))
+    tips = 2 * MODEL.project(np.array(POSES)[:2, :3])
+    np.testing.assert_allclose(found.axes[:, 0], tips, atol=1e-3)
+    seen = [
+        np.isfinite(cylinder_depth(MODEL.enlarged(2), ShaftPose(*pose), 3.0, 150.0))
+        for pose in POSES[:2]
+    ]
+    for mask, exact in zip(found.masks, seen, strict=True):
+        assert (mask & exact).sum() / (mask | exact).sum() > 0.97
+    assert found.tools is None
+
+
+def test_masks_end_at_the_field(constant_model: Path, tmp_path: Path) -> None:
+    store_metadata(constant_model, METADATA)
+    path = tmp_path / "frame.jpg"
+    write_jpeg(np.full((SIDE, SIDE, 3), 120, dtype=np.uint8), path)
+    left = ((0.0, 0.0), (100.0, 0.0), (100.0, 299.0), (0.0, 299.0))
+    (mask, _) = FrameModel(str(constant_model))(CocoImage(path, SIDE, SIDE, (), field=left)).masks
+    assert mask[:, :100].any()
+    assert not mask[:, 102:].any()
+
+
+def test_a_model_without_a_shaft_is_refused(constant_model: Path) -> None:
+    store_metadata(constant_model, ModelMetadata(0.5))
+    with pytest.raises(InputError, match=r"constant\.onnx: knows an instrument from a CAD file"):
+        FrameModel(str(constant_model))

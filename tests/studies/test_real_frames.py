@@ -1,0 +1,151 @@
+"""The command that measures models on real frames, its record of test runs, and the page."""
+
+import json
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.images import read_rgb, write_jpeg
+from shaftpose.evaluation.frame_results import FrameResults
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
+from shaftpose.stage_files import read_stage_file
+from studies import real_frames
+from studies.frame_tables import frame_blocks, runs_sentence
+from studies.real_frames import Run, Runs, label, measure, runs_of
+from studies.write_results_page import REAL, real_images
+from tests.conftest import SIDE
+
+ROOT = Path(__file__).parents[2]
+# The first detection of `constant_model`, and its tip.
+BOX, TIP = [10, 20, 100, 200], [156, 136]
+
+
+@pytest.fixture
+def model(constant_model: Path) -> str:
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat"))
+    return str(constant_model)
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """A folder whose parts show one shaft in the first of two frames, of two operations."""
+    folder = tmp_path / "data"
+    x, y, width, height = BOX
+    corners = [x, y, x + width, y, x + width, y + height, x, y + height]
+    frames = [
+        {"id": n, "file_name": f"{name}.jpg", "width": SIDE, "height": SIDE, "operation": name}
+        for n, name in enumerate("ab")
+    ]
+    attributes = {"tip": TIP, "tail": [60, 200]}
+    shafts = [{"image_id": 0, "bbox": BOX, "segmentation": [corners], "attributes": attributes}]
+    for name in "ab":
+        write_jpeg(np.full((SIDE, SIDE, 3), 120, np.uint8), folder / "images" / f"{name}.jpg")
+    for part in ("validation", "test"):
+        content = {"images": frames, "annotations": shafts}
+        (folder / f"{part}.json").write_text(json.dumps(content))
+    return folder
+
+
+def results(path: Path) -> FrameResults:
+    return read_stage_file(path, FrameResults, "measure it")
+
+
+def test_results_name_the_model_the_part_and_both_digests(
+    model: str, data: Path, tmp_path: Path
+) -> None:
+    path = measure(data, "validation", model, tmp_path / "real")
+    found = results(path)
+    assert path.name == f"{label(model, found.sha256)}-validation.json"
+    assert path.name.startswith("constant-")
+    assert (found.model, found.part, found.threshold) == (model, "validation", 0.5)
+    assert (len(found.sha256), len(found.digest)) == (64, 16)
+    counts = found.groups["all"].counts
+    assert (counts.frames, counts.operations, counts.shafts) == (2, 2, 1)
+    metrics = found.groups["all"].metrics
+    # The box is right in one frame and false in the other.
+    assert (metrics["box_recall"].value, metrics["box_precision"].value) == (1, 0.5)
+    assert metrics["empty_detected"].value == 1
+    assert not (tmp_path / "real/runs.json").exists()
+
+
+def test_the_test_part_is_run_once(model: str, data: Path, tmp_path: Path) -> None:
+    records = tmp_path / "real"
+    path = measure(data, "test", model, records)
+    found = results(path)
+    run = Run(model, found.sha256, found.digest, date.today().isoformat())
+    assert runs_of(records) == Runs((run,))
+    with pytest.raises(InputError, match=r"-test\.json: holds the results .* run once"):
+        measure(data, "test", model, records)
+    measure(data, "validation", model, records)  # as often as one likes
+    path.unlink()
+    measure(data, "test", model, records)
+    assert runs_of(records) == Runs((run, run))
+
+
+def test_another_test_part_or_model_may_be_run(model: str, data: Path, tmp_path: Path) -> None:
+    records = tmp_path / "real"
+    measure(data, "test", model, records)
+    write_jpeg(np.full((SIDE, SIDE, 3), 130, np.uint8), data / "images/a.jpg")
+    measure(data, "test", model, records)
+    store_metadata(Path(model), ModelMetadata(0.6, 95.0, 3.0, 150.0, "flat"))
+    measure(data, "test", model, records)
+    first, second, third = runs_of(records).test
+    assert first.sha256 == second.sha256 != third.sha256
+    assert first.digest != second.digest == third.digest
+
+
+def test_shafts_without_masks_are_refused(model: str, data: Path, tmp_path: Path) -> None:
+    path = data / "validation.json"
+    path.write_text(path.read_text().replace('"segmentation"', '"other"'))
+    with pytest.raises(InputError, match=r"has no pixel in `segmentation`"):
+        measure(data, "validation", model, tmp_path / "real")
+
+
+def test_only_public_frames_are_drawn(
+    model: str, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measure(data, "validation", model, tmp_path / "real")
+    assert not (tmp_path / "real/gallery.jpg").exists()
+    (tmp_path / "package/real_images").mkdir(parents=True)
+    public = {"images": [{"file_name": "images/b.jpg"}]}
+    (tmp_path / "package/real_images/validation.json").write_text(json.dumps(public))
+    monkeypatch.setattr(real_frames, "files", lambda _: tmp_path / "package")
+    measure(data, "validation", model, tmp_path / "real")
+    assert read_rgb(tmp_path / "real/gallery.jpg").shape[2] == 3
+
+
+def test_models_are_told_apart_by_their_files() -> None:
+    assert label("laparoscopy", "0123456789") == "laparoscopy-01234567"
+    assert label("models/e real.onnx", "0123456789") == "e_real-01234567"
+    assert label("mlflow:/shafts@best", "0123456789") == "shafts_best-01234567"
+
+
+def test_the_page_says_how_often_the_test_part_was_run() -> None:
+    run = Run("m.onnx", "0123456789", "d", "2026-11-27")
+    assert runs_sentence(Runs()) == "The test part was run 0 times."
+    assert runs_sentence(Runs((run,))) == "The test part was run once: m-01234567 on 2026-11-27."
+    assert runs_sentence(Runs((run, run))).startswith("The test part was run 2 times: m-0")
+
+
+def test_the_page_shows_each_model_and_group(model: str, data: Path, tmp_path: Path) -> None:
+    assert frame_blocks(tmp_path).startswith("No model was measured yet.")
+    name = measure(data, "test", model, tmp_path / "reports/real").stem.removesuffix("-test")
+    block = frame_blocks(tmp_path)
+    assert block.startswith(f"The test part was run once: {name} on ")
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()]
+    boxes = [line for line in lines if line[:2] == [name, "all"]][0]
+    # The false detection is in none, one or both of the frames of a resample of two operations.
+    assert boxes[3:] == [
+        "1", "1.000 (1.00 to 1.00)", "0.000 (0.00 to 0.00)", "1.000 (1.00 to 1.00)",
+        "0.500 (0.00 to 1.00)",
+    ]  # fmt: skip
+    assert "The validation part" not in block
+    assert "Worst frames" not in block
+
+
+def test_the_committed_page_shows_the_records() -> None:
+    assert real_images(ROOT) == REAL.read_text(), "run `make results`"
