@@ -12,13 +12,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import date
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
+from shaftpose.cli.real import annotations
 from shaftpose.core.errors import InputError, exit_on_input_error
-from shaftpose.core.files import read_json, write_json
+from shaftpose.core.files import write_json
 from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import check_masks, read_coco
 from shaftpose.dataset.coco_images import CocoImage
@@ -70,9 +70,9 @@ def measure(data: Path, part: str, name: str, records: Path = RECORDS) -> Path:
 
     Raises InputError if the results of the model on the same test part are already there.
     """
-    annotations = data / f"{part}.json"
-    images = read_coco(annotations)
-    check_masks(images, annotations)
+    path = data / f"{part}.json"
+    images = read_coco(path)
+    check_masks(images, path)
     model, digest = FrameModel(name), annotated_digest(images)
     out = records / f"{label(name, model.sha256)}-{part}.json"
     if part == TEST and out.is_file() and _was_run(records, model.sha256, digest):
@@ -119,11 +119,7 @@ def _draw(
     title: str,
 ) -> None:
     """Draw the worst of the frames that `shaftpose real fetch` brings: their licences allow it."""
-    annotations = files("shaftpose.cli") / "real_images" / f"{part}.json"
-    public = {
-        Path(image["file_name"]).name
-        for image in read_json(Path(str(annotations)), "install shaftpose again")["images"]
-    }
+    public = {Path(image["file_name"]).name for image in annotations(f"{part}.json")["images"]}
     shown = np.flatnonzero([image.path.name in public for image in images])
     drawn = gallery(model, [images[n] for n in shown], [frames[n] for n in shown], title)
     if drawn is not None:

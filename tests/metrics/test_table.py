@@ -3,6 +3,7 @@
 import numpy as np
 
 from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.metrics.frames.measures import frame_metrics
 from shaftpose.metrics.image_metrics import SilhouetteScore
 from shaftpose.metrics.metrics import evaluate
 from shaftpose.metrics.symmetric_errors import SymmetricErrors
@@ -15,6 +16,7 @@ def test_each_metric_is_in_the_results_of_its_kind() -> None:
     measured = evaluate([Detections(box, np.ones(1), pose)], [Annotations(box, pose)])
     in_results = {
         *measured, "fps", *SymmetricErrors.__annotations__, *SilhouetteScore.__annotations__,
+        *frame_metrics([], []).metrics,
     }  # fmt: skip
     assert {one.name for one in METRICS} <= in_results
     assert all(isinstance(measured[one.name], float) for one in METRICS if one.measure)

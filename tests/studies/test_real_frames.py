@@ -110,10 +110,8 @@ def test_only_public_frames_are_drawn(
 ) -> None:
     measure(data, "validation", model, tmp_path / "real")
     assert not (tmp_path / "real/gallery.jpg").exists()
-    (tmp_path / "package/real_images").mkdir(parents=True)
-    public = {"images": [{"file_name": "images/b.jpg"}]}
-    (tmp_path / "package/real_images/validation.json").write_text(json.dumps(public))
-    monkeypatch.setattr(real_frames, "files", lambda _: tmp_path / "package")
+    public = {"validation.json": {"images": [{"file_name": "images/b.jpg"}]}}
+    monkeypatch.setattr(real_frames, "annotations", public.__getitem__)
     measure(data, "validation", model, tmp_path / "real")
     assert read_rgb(tmp_path / "real/gallery.jpg").shape[2] == 3
 
