@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Camera
 
-# In a map of instruments, next to their numbers:
-TOOL = 254  # another part of an instrument, such as its jaws, and surely no shaft
-TOOL_OR_SHAFT = 253  # a pixel of an instrument whose shaft is not outlined
-UNKNOWN = 255  # a pixel of which nothing is known
+# In a map of instruments, next to 0 for background and 1, 2, ... for the shafts:
+UNKNOWN = 255  # a pixel of which nothing is annotated
+TOOL = 254  # another part of an instrument, such as jaws
+TOOL_OR_SHAFT = 253  # an instrument of which nobody has outlined the shaft
+OUTSIDE = 252  # outside the visible field of the image
 POSE_DIMENSIONS = ("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg")
 
 
@@ -25,15 +27,17 @@ class Annotations:
 
     boxes: (G, 4) float.
     poses: (G, 5) float; None if they are unknown.
-    instances: (H, W), each pixel's shaft: 1, 2, ..., 0 for background, `TOOL`, `TOOL_OR_SHAFT` or
-    `UNKNOWN`; None if not requested.
+    instances: (H, W), each pixel's shaft: 1, 2, ..., 0 for background, or one of the values above;
+    None if not requested.
     tips_px: (G, 2), tips of instruments without poses, NaN where unknown.
+    camera: in which the poses are given; None if there are none.
     """
 
     boxes: NDArray[np.float64]
     poses: NDArray[np.float64] | None
     instances: NDArray[np.uint8] | None = None
     tips_px: NDArray[np.float64] | None = None
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True)

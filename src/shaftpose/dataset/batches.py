@@ -20,9 +20,10 @@ class Targets(NamedTuple):
     poses: (B, G, 5) float, mm and deg.
     valid: (B, G) bool, False for padding.
     has_pose: (B,) bool, False for images without poses.
-    instances: (B, H, W) uint8, each pixel's instrument: 1, 2, ..., 0 for background, or `UNKNOWN`;
-    None if the network does not learn masks.
+    instances: (B, H, W) uint8, see `Annotations`; None if the network does not learn masks.
     tips_px: (B, G, 2) float, tips in images without poses, NaN where unknown; None if all are.
+    cameras: (B, 3) float, focal length and principal point in px of the pinhole cameras in which
+    the poses are given, (1, 0, 0) without poses; None if the network knows its camera.
     """
 
     boxes: Tensor
@@ -31,6 +32,7 @@ class Targets(NamedTuple):
     has_pose: Tensor
     instances: Tensor | None = None
     tips_px: Tensor | None = None
+    cameras: Tensor | None = None
 
 
 class Batch(NamedTuple):
@@ -60,8 +62,14 @@ def pad_batch(items: Sequence[LabelledImage]) -> Batch:
         has_pose,
         _stacked_instances(items),
         _padded_tips(items, places),
+        torch.tensor([_camera(annotations) for _, annotations in items]),
     )
     return Batch(torch.from_numpy(np.stack([rgb for rgb, _ in items])), targets)
+
+
+def _camera(known: Annotations) -> tuple[float, float, float]:
+    camera = known.camera
+    return (1.0, 0.0, 0.0) if camera is None else (camera.focal_px, camera.cx, camera.cy)
 
 
 def _stacked_instances(items: Sequence[LabelledImage]) -> Tensor | None:

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
 from shaftpose.core.images import Image
-from shaftpose.core.instruments import UNKNOWN, Annotations
+from shaftpose.core.instruments import OUTSIDE, TOOL, UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.batches import LabelledImage
-from shaftpose.dataset.coco_images import CocoImage, SquareImage, load_square
+from shaftpose.dataset.coco_images import CocoImage, SquareImage, load_frame, load_square
 
 
 class Images(Dataset[LabelledImage], ABC):
@@ -27,7 +27,7 @@ class Images(Dataset[LabelledImage], ABC):
 class RenderedImages(Images):
     """Selected images of a rendered dataset, with poses.
 
-    with_instances: whether they state each pixel's instrument number.
+    with_instances: whether they state each pixel's instrument, and the camera.
     """
 
     shards: ShardedDataset
@@ -44,7 +44,32 @@ class RenderedImages(Images):
         rgb, known = self.shards.rgb(key), self.shards.annotations(key)
         if not self.with_instances:
             return rgb, known
-        return rgb, replace(known, instances=_instance_map(rgb, self.shards.masks(key)))
+        instances = _instance_map(rgb, self.shards.masks(key))
+        instances[self.shards.tool_mask(key)] = TOOL
+        camera = self.shards.camera(key)
+        if camera.field is not None:
+            instances[np.isnan(camera.rays()[..., 0])] = OUTSIDE
+        return rgb, replace(known, instances=instances, camera=camera)
+
+
+@dataclass(frozen=True)
+class CocoFrames(Images):
+    """COCO's images, whole, without poses, as `load_frame` gives them; short_px: of their shorter
+    sides, at most."""
+
+    images: Sequence[CocoImage]
+    short_px: int
+
+    def __len__(self) -> int:
+        """The number of images."""
+        return len(self.images)
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        """Image `index` and its annotations."""
+        frame = load_frame(self.images[index], self.short_px)
+        if frame.field is not None:
+            frame.instances[~frame.field] = OUTSIDE
+        return frame.rgb, Annotations(frame.boxes, None, frame.instances, frame.tips_px)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image
 from shaftpose.dataset.batches import LabelledImage
-from shaftpose.dataset.geometric_transforms import random_similarity, random_symmetry
+from shaftpose.dataset.geometric_transforms import random_symmetry
 from shaftpose.dataset.labelled_images import Images
+from shaftpose.dataset.random_views import random_view
 
 log = logging.getLogger(__name__)
 
@@ -51,8 +52,8 @@ class TrainingStream(Images):
     length: number of items.
     skipped: records each damaged image, which the next one replaces. None: a damaged image raises
     an InputError that names it. It is also raised if all images are damaged.
-    symmetries: whether images are randomly mirrored and turned by quarters, and those without poses
-    also scaled, rotated and shifted.
+    symmetries: whether images are randomly mirrored and turned by quarters.
+    view_px: side of random views of the images, see `random_views`; None: images as they are.
     """
 
     rendered: Images
@@ -63,6 +64,7 @@ class TrainingStream(Images):
     seed: int
     skipped: SkippedImages | None = None
     symmetries: bool = False
+    view_px: int | None = None
 
     @property
     def different_images(self) -> int:
@@ -83,7 +85,8 @@ class TrainingStream(Images):
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, n]))
         if self.symmetries:
             rgb, annotations = random_symmetry(rgb, annotations, rng)
-            rgb, annotations = random_similarity(rgb, annotations, rng)
+        if self.view_px is not None:
+            rgb, annotations = random_view(rgb, annotations, self.view_px, rng)
         for transform in self.transforms:
             rgb = transform(rgb, rng)
         return rgb, annotations

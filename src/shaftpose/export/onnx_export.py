@@ -37,19 +37,19 @@ class ShaftDetector(nn.Module):
     @property
     def output_names(self) -> tuple[str, ...]:
         """The names of the tensors that `forward` returns."""
-        mask = ("mask",) if isinstance(self.network, MaskNetwork) else ()
-        return ("boxes", "scores", "poses", *mask)
+        masks = ("mask", "tool") if isinstance(self.network, MaskNetwork) else ()
+        return ("boxes", "scores", "poses", *masks)
 
     def forward(self, image: Tensor) -> tuple[Tensor, ...]:
         """(N, H, W, 3) uint8 RGB -> boxes (N, K, 4), scores (N, K), poses (N, K, 5).
 
         K is `limits.max_detections`. Boxes in pixels, poses in mm and deg, best score first, padded
-        with zeros. For networks that predict it, also the mask (N, H, W), see `MaskNetwork.masks`.
+        with zeros. For networks that predict them, also two masks (N, H, W), see `MaskNetwork`.
         """
         outputs = self.network(normalise_images(image))
         decoded = self.network.detections(outputs, self.limits)
         if isinstance(self.network, MaskNetwork):
-            return (*decoded, self.network.masks(outputs))
+            return (*decoded, *self.network.masks(outputs))
         return decoded
 
 

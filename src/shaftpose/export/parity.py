@@ -110,8 +110,9 @@ def mask_difference(
     """The largest difference between the masks of a network and of its file, in images
     (N, 299, 299, 3) uint8 RGB."""
     with torch.inference_mode():
-        *_, masks = detector.eval()(torch.from_numpy(images))
-    return float(np.abs(masks.numpy() - predictor.masks(images)).max())
+        *_, shafts, tools = detector.eval()(torch.from_numpy(images))
+    pairs = (shafts, predictor.masks(images)), (tools, predictor.tools(images))
+    return max(float(np.abs(one.numpy() - other).max()) for one, other in pairs)
 
 
 def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:

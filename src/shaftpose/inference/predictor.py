@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Camera
+from shaftpose.core.geometry import Camera, axis_direction, pose_along
 from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.learned_edges import LearnedEdges
@@ -18,7 +18,7 @@ from shaftpose.refinement.contour import Shaft
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.settings.choices import Backend, Refinement
 
-_OUTPUTS, _MASK = ["boxes", "scores", "poses"], "mask"
+_OUTPUTS, _MASK, _TOOL = ["boxes", "scores", "poses"], "mask", "tool"
 
 
 class Predictor:
@@ -41,7 +41,7 @@ class Predictor:
             )
         self._network = open_network(path, backend)
         names = self._network.outputs
-        if names not in (_OUTPUTS, [*_OUTPUTS, _MASK]):
+        if names not in (_OUTPUTS, [*_OUTPUTS, _MASK], [*_OUTPUTS, _MASK, _TOOL]):
             raise InputError(f"{path}: its outputs are {names}; use a model of the export stage")
         self._path = path
         try:
@@ -93,14 +93,15 @@ class Predictor:
         """The detections in each of the images (N, H, W, 3) uint8 RGB, best score first.
 
         fine: the same images in more pixels, (k H, k W, 3), or None where there are none, for the
-        fit. camera: a pinhole camera of the model's focal length that sees the images, by default
-        one whose axis meets their centre. Raises InputError naming the file and the image if an
+        fit. camera: the pinhole camera that sees the images, by default one of the model's focal
+        length whose axis meets their centre. Raises InputError naming the file and the image if an
         output is NaN or infinite.
         """
-        boxes, scores, poses, *masks = self._network.run(self._network.outputs, images)
+        asked = _OUTPUTS if self.refiner is None else [*_OUTPUTS, _MASK]
+        boxes, scores, poses, *masks = self._network.run(asked, images)
         found = list(self._unpadded(boxes, scores, poses))
         if camera is not None:
-            found = [_seen_by(camera, each) for each in found]
+            found = [_seen_by(camera, self.camera, each) for each in found]
         if self.refiner is None:
             return found
         if camera is None:
@@ -114,6 +115,13 @@ class Predictor:
         model that predicts them. Raises InputError naming the file and the image if one is not
         finite."""
         return self._finite(*self._network.run([_MASK], images))
+
+    def tools(self, images: NDArray[np.uint8]) -> NDArray[np.float32] | None:
+        """As `masks`, the probabilities of any part of an instrument; None if the model predicts
+        none."""
+        if _TOOL not in self._network.outputs:
+            return None
+        return self._finite(*self._network.run([_TOOL], images))
 
     def _finite(self, masks: NDArray[np.float32]) -> NDArray[np.float32]:
         for number in np.flatnonzero(~np.isfinite(masks).all(axis=(1, 2))):
@@ -163,12 +171,19 @@ class Predictor:
         return float(1 / np.median(seconds[3:]))
 
 
-def _seen_by(camera: Camera, found: Detections) -> Detections:
-    """Move tips for a camera whose axis does not meet the image's centre, as the model assumes: to
-    the same pixels, at the same depths."""
-    aside = np.array([camera.width / 2 - camera.cx, camera.height / 2 - camera.cy])
+def _seen_by(camera: Camera, reference: Camera, found: Detections) -> Detections:
+    """The poses for a camera of those that the reference camera would see at the same pixels.
+
+    The network knows no camera: it states poses for its training images' focal length and a camera
+    whose axis meets the image's centre. `network.dense.coding.reference_points` is the inverse.
+    """
+    aside = np.array([camera.cx - camera.width / 2, camera.cy - camera.height / 2])
+    linear = np.diag([1.0, 1.0, camera.focal_px / reference.focal_px])
+    linear[:2, 2] = -aside / reference.focal_px
     poses = found.poses.copy()
-    poses[:, :2] += aside * poses[:, 2:3] / camera.focal_px
+    for row, pose in enumerate(poses):
+        axis = linear @ axis_direction(pose[3], pose[4])
+        poses[row] = pose_along(axis / np.linalg.norm(axis), linear @ pose[:3]).as_array()
     return replace(found, poses=poses)
 
 

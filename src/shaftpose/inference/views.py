@@ -246,8 +246,8 @@ def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> Views:
 
 
 def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> Views:
-    """Views of a known camera's frames: for a network of any size as a pinhole camera with the
-    model's focal length sees them, else resampled for the model's camera.
+    """Views of a known camera's frames: for a network of any size undistorted, the shorter side
+    scaled to the training images', else resampled for the model's camera.
 
     They warn of what is not seen.
     """
@@ -258,14 +258,10 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
         if any_size:
             check_frame(width, height)
             pinhole = calibration.undistorted(model.focal_px)
-            if min(pinhole.width, pinhole.height) < _LEAST_PX:
-                raise InputError(
-                    f"has {pinhole.width} x {pinhole.height} px at the model's scale, which needs "
-                    f"{_LEAST_PX} a side: the camera's angle is too small; check the stated camera"
-                )
             for cut in calibration.cuts():
                 warn(cut)
-            return Resampled(calibration, pinhole)
+            scale = model.width / max(min(pinhole.width, pinhole.height), 1)
+            return Resampled(calibration, calibration.undistorted(scale * model.focal_px))
         resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
             warn(

@@ -36,8 +36,10 @@ def build_network(variant: Variant) -> PoseNetwork:
 
 
 def initial_network(variant: Variant) -> PoseNetwork:
-    """The network at the start of a training: random weights, or the detector's at `start`."""
+    """The network at the start of a training: random weights, an encoder's pretrained ones, or the
+    detector's at `start`."""
     network = build_network(variant)
+    network.load_pretrained()
     if variant.start is not None:
         start_from_detector(variant.start, network, scale(variant))
     return network

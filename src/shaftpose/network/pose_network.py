@@ -4,6 +4,7 @@ Trainer, export and evaluation use nothing else of a network.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import torch
@@ -40,6 +41,13 @@ class PoseNetwork(nn.Module, ABC):
     continuous: bool = True
     needs_instances: bool = False
 
+    def load_pretrained(self) -> None:
+        """Load the weights that a training starts from, if the network has an encoder with some."""
+
+    def pretrained(self) -> Iterable[nn.Parameter]:
+        """The weights that `load_pretrained` loads."""
+        return ()
+
     @abstractmethod
     def forward(self, images: Tensor) -> Any:
         """(B, 3, H, W) in [-1, 1] -> outputs, which only the other methods interpret."""
@@ -57,8 +65,8 @@ class MaskNetwork(PoseNetwork):
     """A network that also predicts the mask to which poses are fitted."""
 
     @abstractmethod
-    def masks(self, outputs: Any) -> Tensor:
-        """The probability of a shaft, (B, h, w) in [0, 1]."""
+    def masks(self, outputs: Any) -> tuple[Tensor, Tensor]:
+        """The probabilities of a shaft and of any part of an instrument, (B, H, W) in [0, 1]."""
 
     def edge_reader(self) -> nn.Module | None:
         """The network's reader of edges in strips (see `network.dense.edge_reader`), or None."""

@@ -361,6 +361,7 @@ class Variant:
     noise: Count
     real_share: Fraction
     symmetries: bool
+    views: bool
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -7,12 +7,15 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
-from shaftpose.dataset.labelled_images import CocoImages, RenderedImages
+from shaftpose.dataset.labelled_images import CocoFrames, CocoImages, Images, RenderedImages
 from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream, Transform
 from shaftpose.settings.schema import Augmentation
 from shaftpose.training.recipe import Recipe
+
+# Shorter side of frames relative to that of the views of them, which may be enlarged.
+_FRAME_DENSITY = 1.5
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,10 @@ def training_data(
     """
     settings, size, variant = recipe.training, recipe.size, recipe.variant
     shards, side_px = ShardedDataset(folders.rendered), recipe.camera.size_px
-    mixed_in = None
-    if variant.real_share > 0:
+    mixed_in: Images | None = None
+    if variant.real_share > 0 and variant.views:
+        mixed_in = CocoFrames(folders.mixed_in_images(), round(_FRAME_DENSITY * side_px))
+    elif variant.real_share > 0:
         mixed_in = CocoImages(folders.mixed_in_images(), side_px, with_instances)
     stream = TrainingStream(
         rendered=RenderedImages(shards, read_keys(folders.split, "train"), with_instances),
@@ -54,6 +59,7 @@ def training_data(
         seed=recipe.seed,
         skipped=skipped if settings.on_damaged == "skip" else None,
         symmetries=variant.symmetries,
+        view_px=side_px if variant.views else None,
     )
     validation = RenderedImages(shards, read_keys(folders.split, "validation"), with_instances)
     return TrainingData(stream, validation, size.batch_size, settings.loader_workers)

@@ -115,6 +115,9 @@ class ShaftModule(LightningModule):
         convolutions = [m for m in self.network.modules() if isinstance(m, nn.Conv2d)]
         # Only prediction convolutions have a bias; batch normalisation makes it superfluous.
         matrices = [w for conv in convolutions if conv.bias is None for w in conv.parameters()]
+        # Muon's long steps would undo what an encoder has learned before.
+        kept = {id(weight) for weight in self.network.pretrained()}
+        matrices = [weight for weight in matrices if id(weight) not in kept]
         chosen = {id(weight) for weight in matrices}
         others = [weight for weight in weights if id(weight) not in chosen]
         rate = self.learning_rate

@@ -1,8 +1,12 @@
-"""Coding of tips, depths and axes in E's maps, for images of any size.
+"""Coding of tips, depths and axes in E's maps, for images of any size and camera.
 
 A map's cell holds the offset from its centre to the tip of its shaft in units of
 `OFFSET_SCALE_PX` (2 values), `DEPTH_SCALE` log(depth / `DEPTH_MM`) of the tip, and the axis
 multiplied by `AXIS_SCALE` (3), a unit vector from the tip towards the handle.
+
+The network knows no camera. Depth and axis are those that a reference camera would see at the same
+pixels: the training images' focal length, its axis through the image's centre. Points of one camera
+are points of the other after a linear map (`reference_points`).
 """
 
 from typing import NamedTuple
@@ -20,17 +24,22 @@ def encoded_depth(depth_mm: Tensor) -> Tensor:
     return DEPTH_SCALE * torch.log(depth_mm / DEPTH_MM)
 
 
-def encoded_axis(poses: Tensor) -> Tensor:
-    """Poses (..., 5) -> (..., 3); see docs/conventions.md for the angles."""
+def encoded_axis(axes: Tensor) -> Tensor:
+    """Unit vectors (..., 3) -> (..., 3)."""
+    return axes * axes.new_tensor(AXIS_SCALE)
+
+
+def axis_vectors(poses: Tensor) -> Tensor:
+    """Poses (..., 5) -> unit vectors (..., 3) towards the handles; see docs/conventions.md."""
     pitch, yaw = torch.deg2rad(poses[..., 3]), torch.deg2rad(poses[..., 4])
     x, y = torch.sin(pitch) * torch.cos(yaw), torch.sin(pitch) * torch.sin(yaw)
-    return torch.stack([x, y, -torch.cos(pitch)], dim=-1) * poses.new_tensor(AXIS_SCALE)
+    return torch.stack([x, y, -torch.cos(pitch)], dim=-1)
 
 
 class Grid(NamedTuple):
-    """The cells of a map over an image, seen by a pinhole camera whose axis meets its centre.
+    """The cells of a map over an image, seen by the reference camera.
 
-    focal_px: the camera's focal length. size_px: (2,) width and height of the image. cells:
+    focal_px: its focal length. size_px: (2,) width and height of the image. cells:
     (h, w, 2) px `x, y`, the centres of the cells.
     """
 
@@ -57,6 +66,18 @@ class Grid(NamedTuple):
         """Pixels (..., 2) at a depth (..., 1) -> points (..., 3) mm."""
         offsets = (pixels - self.size_px / 2) / self.focal_px
         return torch.cat([offsets * depth_mm, depth_mm], dim=-1)
+
+
+def reference_points(points: Tensor, cameras: Tensor, grid: Grid) -> Tensor:
+    """The points or directions (B, N, 3) for the reference camera of those for other cameras.
+
+    cameras: (B, 3), see `Targets`. With the camera's focal length f and principal point c, and the
+    reference camera's f' and c', a point at (x, y, z) is at (x + (c - c') z / f, ..., z f' / f).
+    """
+    focal_px, centre = cameras[:, None, :1], cameras[:, None, 1:]
+    aside = (centre - grid.size_px / 2) / focal_px
+    depth = points[..., 2:]
+    return torch.cat([points[..., :2] + aside * depth, depth * grid.focal_px / focal_px], dim=-1)
 
 
 def decoded_poses(tips_px: Tensor, values: Tensor, grid: Grid) -> Tensor:

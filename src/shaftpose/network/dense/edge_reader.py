@@ -8,6 +8,7 @@ learns to ignore them, from random outlines near those of annotated shafts.
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from shaftpose.core.geometry import Camera, axis_direction
+from shaftpose.core.instruments import OUTSIDE
 from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.layers import Residual, conv_norm_relu
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
@@ -32,6 +34,7 @@ _STEP_PX = (0.25, 0.5)  # range of the distance between columns
 # Standard deviations of the pose's parameters at the widest step, times a random size: a fit to a
 # mask may end near the true outline or far from it.
 _SPREAD, _SIZES = np.array([1.5, 1.5, 0.05, 5.0, 3.0]), (0.04, 2.0)
+_BORDER_PX = 9  # window around the border of the visible field in which no edge is to be learned
 _OUTERMOST = 2  # columns at the ends, where no edge is to be learned
 # Places at which the true outline is searched, close enough that it passes at most once between two
 # even of the thinnest shaft, and bisections between them.
@@ -85,20 +88,26 @@ class EdgeReader(nn.Module):
         return (losses * samples.known).sum() / samples.known.sum().clamp(min=1)
 
 
-def edge_samples(images: Tensor, targets: Targets, shaft: Shaft, camera: Camera) -> EdgeSamples:
-    """Samples at random outlines near all shafts with known poses.
+def edge_samples(images: Tensor, targets: Targets, shaft: Shaft) -> EdgeSamples:
+    """Samples at random outlines near all shafts with known poses, in the targets' cameras.
 
     images: (B, 3, H, W) in [-1, 1]. Random numbers depend on torch's generator.
     """
+    assert targets.cameras is not None and targets.instances is not None
     rng = np.random.default_rng(int(torch.randint(2**62, ())))
     pictures = images.float().permute(0, 2, 3, 1).cpu().numpy()
     shown = (targets.valid & targets.has_pose[:, None]).cpu().numpy()
     poses = targets.poses.double().cpu().numpy()
+    size = images.shape[3], images.shape[2]
+    cameras = [Camera(*size, *values) for values in targets.cameras.double().tolist()]
+    fields = [_field(instances) for instances in targets.instances.cpu().numpy()]
     of_shafts = [
         part
-        for picture, of_image, visible in zip(pictures, poses, shown, strict=True)
+        for picture, field, of_image, visible, camera in zip(
+            pictures, fields, poses, shown, cameras, strict=True
+        )
         for pose in of_image[visible]
-        for part in _samples(np.ascontiguousarray(picture), pose, shaft, camera, rng)
+        for part in _samples(np.ascontiguousarray(picture), field, pose, shaft, camera, rng)
     ]
     if not of_shafts:
         none = images.new_zeros(0, ROWS)
@@ -111,8 +120,15 @@ def edge_samples(images: Tensor, targets: Targets, shaft: Shaft, camera: Camera)
     )
 
 
+def _field(instances: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The pixels (H, W) inside the visible field, except those at its border."""
+    outside = (instances == OUTSIDE).astype(np.uint8)
+    return cv2.dilate(outside, np.ones((_BORDER_PX, _BORDER_PX), np.uint8)) == 0
+
+
 def _samples(
     picture: NDArray[np.float32],
+    field: NDArray[np.bool_],
     pose: Array,
     shaft: Shaft,
     camera: Camera,
@@ -129,7 +145,8 @@ def _samples(
             strips = outline_strips(picture, contour, step_px)
             reach_px = (MIDDLE - _OUTERMOST) * step_px
             offsets = true_offsets(contour, pose, shaft, camera, reach_px)
-            known = strips.of_rows(strips.inside) > 0
+            x, y = np.clip(contour.points, 0, [camera.width - 1, camera.height - 1]).astype(int).T
+            known = strips.of_rows(strips.inside & field[y, x]) > 0
             yield strips.colours, strips.of_rows(offsets / step_px), known
 
 

@@ -1,13 +1,14 @@
 """Architecture E: a dense single-shot network, a small residual U-Net. Not in the paper.
 
-It predicts a mask of all shafts at half the image's resolution. At a quarter it predicts a heat map
+It predicts a mask of all shafts and one of all instruments, with jaws and wrists, at half the image's
+resolution. At a quarter it predicts a heat map
 of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
 direction of the axis. An edge reader is trained along with it, on the same images; the two share no
 weights.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Literal, NamedTuple
 
 import torch
 from pydantic import validate_call
@@ -20,6 +21,7 @@ from shaftpose.network.dense.coding import Grid
 from shaftpose.network.dense.decoding import decode
 from shaftpose.network.dense.edge_reader import EdgeReader, edge_samples
 from shaftpose.network.dense.layers import Residual, conv_norm_relu
+from shaftpose.network.dense.lite0 import LEVELS, Lite0
 from shaftpose.network.dense.loss import DenseLoss
 from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
 from shaftpose.refinement.contour import Shaft
@@ -31,12 +33,14 @@ from shaftpose.settings.schema import (
     ShaftSettings,
 )
 
+MASKS = 2  # shafts; all instruments
 MAPS = 7  # tip; offset to the tip (2); depth; axis (3)
 _RARE = -4.0  # initial logit of a tip
 
 
 class DenseOutputs(NamedTuple):
-    """mask: (B, 1, h, w) logits, at half the images' resolution; maps: (B, 7, h, w), at a quarter,
+    """mask: (B, 2, h, w) logits of a shaft and of any part of an instrument, at half the images'
+    resolution; maps: (B, 7, h, w), at a quarter,
     the tip's logit and the values of `coding`; images: (B, 3, H, W), the input, from which the edge
     reader learns."""
 
@@ -48,30 +52,32 @@ class DenseOutputs(NamedTuple):
 class DenseNetwork(MaskNetwork):
     """The U-Net and the edge reader.
 
-    channels: of the levels at 1/2, 1/4, ... of the image's resolution; shaft: None if the shape of
-    its outline is unknown: there is no edge reader then.
+    down: the encoder, a stage for each of the levels at 1/2, 1/4, ... of the image's resolution;
+    channels: of these levels; shaft: None if the shape of its outline is unknown: there is no edge
+    reader then.
     """
 
     needs_instances = True
     takes_any_size = True
 
     def __init__(
-        self, channels: Sequence[int], camera: Camera, shaft: Shaft | None, loss: DenseLoss
+        self,
+        down: nn.ModuleList,
+        channels: Sequence[int],
+        camera: Camera,
+        shaft: Shaft | None,
+        loss: DenseLoss,
     ) -> None:
         super().__init__()
         self.camera, self.shaft, self.loss = camera, shaft, loss
         self.side_px = camera.width
         self.edges = None if shaft is None else EdgeReader()
-        before = (3, *channels[:-1])
-        self.down = nn.ModuleList(
-            nn.Sequential(conv_norm_relu(i, o, stride=(2, 2)), *([Residual(o)] if i > 3 else []))
-            for i, o in zip(before, channels, strict=True)
-        )
+        self.down = down
         self.up = nn.ModuleList(
             conv_norm_relu(fine + coarse, fine)
             for fine, coarse in zip(channels, channels[1:], strict=False)
         )
-        self.mask = nn.Conv2d(channels[0], 1, 3, padding=1)
+        self.mask = nn.Conv2d(channels[0], MASKS, 3, padding=1)
         self.maps = nn.Sequential(conv_norm_relu(channels[1], 64), nn.Conv2d(64, MAPS, 1))
         bias = self.maps[1].bias
         assert isinstance(bias, Tensor)
@@ -93,44 +99,62 @@ class DenseNetwork(MaskNetwork):
         return DenseOutputs(self.mask(x), maps, images)
 
     def loss_terms(self, outputs: DenseOutputs, targets: Targets) -> dict[str, Tensor]:
-        """The loss and its mask, tip, pose and edge terms."""
+        """The loss and its mask, tool, tip, pose and edge terms."""
         terms = self.loss(outputs.mask, outputs.maps, targets, self._grid(outputs, outputs.maps))
         if self.edges is None or self.shaft is None:
             return terms
-        samples = edge_samples(outputs.images, targets, self.shaft, self.camera)
+        samples = edge_samples(outputs.images, targets, self.shaft)
         edge = self.edges.loss(samples)
         return {**terms, "loss": terms["loss"] + edge, "edge": edge}
 
     def detections(self, outputs: DenseOutputs, limits: DetectionSettings) -> DecodedOutputs:
         """One instrument for each peak of the tip heat map."""
         fine, grid = self._grid(outputs, outputs.mask), self._grid(outputs, outputs.maps)
-        return decode(outputs.mask, outputs.maps, fine, grid, limits)
+        return decode(outputs.mask[:, :1], outputs.maps, fine, grid, limits)
 
     def _grid(self, outputs: DenseOutputs, values: Tensor) -> Grid:
-        """The grid of values (B, C, h, w) over the images.
-
-        Its camera has the focal length of the training images' camera, whatever the images' size.
-        """
+        """The grid of values (B, C, h, w) over the images, seen by the reference camera."""
         return Grid.over(outputs.images, values.shape[-2], values.shape[-1], self.camera.focal_px)
 
     def edge_reader(self) -> EdgeReader | None:
         """The edge reader, unless the outline of the shaft is not known."""
         return self.edges
 
-    def masks(self, outputs: DenseOutputs) -> Tensor:
-        """Probabilities of a shaft, (B, H, W).
+    def masks(self, outputs: DenseOutputs) -> tuple[Tensor, Tensor]:
+        """Probabilities of a shaft and of any part of an instrument, (B, H, W) each.
 
         As in the loss, logits are enlarged, not probabilities: an edge between two cells is where
         the interpolated logit is 0.
         """
         size = outputs.images.shape[-2:]
         wide = functional.interpolate(outputs.mask.float(), size=size, mode="bilinear")
-        return wide.sigmoid()[:, 0]
+        shafts, tools = wide.sigmoid().unbind(1)
+        return shafts, tools
+
+    def load_pretrained(self) -> None:
+        """Load the weights that `lite0` has learned on ImageNet."""
+        if isinstance(self.down, Lite0):
+            self.down.load_imagenet_weights()
+
+    def pretrained(self) -> Iterable[nn.Parameter]:
+        """The weights of `lite0`."""
+        return self.down.parameters() if isinstance(self.down, Lite0) else ()
+
+
+def scratch_encoder(channels: Sequence[int]) -> nn.ModuleList:
+    """Stages with random weights: a strided convolution each and, except in the first, a residual
+    block."""
+    before = (3, *channels[:-1])
+    return nn.ModuleList(
+        nn.Sequential(conv_norm_relu(i, o, stride=(2, 2)), *([Residual(o)] if i > 3 else []))
+        for i, o in zip(before, channels, strict=True)
+    )
 
 
 @validate_call
 def dense_network(
-    channels: tuple[PositiveInt, ...],
+    encoder: Literal["scratch", "lite0"],
+    channels: tuple[PositiveInt, ...] | None,
     camera: CameraSettings,
     shaft: ShaftSettings,
     distortion: Distortion,
@@ -138,9 +162,13 @@ def dense_network(
 ) -> DenseNetwork:
     """Build the network from the values in a variant's file.
 
-    The outline of an instrument from a CAD file, or through a distorting lens, is not known.
+    channels: of the encoder `scratch`; `lite0` has its own. Raises ValueError otherwise. The outline of an instrument from a CAD file, or through a distorting lens, is not known.
     """
     known = shaft.cad is None and not any((*distortion.k1, *distortion.k2))
     outlined = Shaft(shaft.diameter_mm, shaft.length_mm, shaft.tip == "flat")
     pinhole = Camera.from_field_of_view(camera.size_px, camera.size_px, camera.view_deg)
-    return DenseNetwork(channels, pinhole, outlined if known else None, loss)
+    if (channels is None) == (encoder == "scratch"):
+        raise ValueError(f"channels = {channels} with encoder {encoder}: lite0 has its own (null)")
+    levels = LEVELS if channels is None else channels
+    down = Lite0() if channels is None else scratch_encoder(levels)
+    return DenseNetwork(down, levels, pinhole, outlined if known else None, loss)

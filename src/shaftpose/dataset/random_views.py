@@ -1,0 +1,135 @@
+"""Random views of training images: other zooms, places, turns and visible fields.
+
+A zoomed, turned and shifted image is what a pinhole camera of another focal length and principal
+point sees, so poses stay exact. Images without poses may also be stretched.
+"""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import Array, Camera, unsigned_deg
+from shaftpose.core.images import Image
+from shaftpose.core.instruments import OUTSIDE, Annotations
+from shaftpose.core.masks import mask_box
+
+_UNCHANGED = 0.4  # share of the rendered images that stay as they are
+_ZOOMS = 0.6, 2.5
+_FRAME_ZOOMS = 0.7, 2.2  # of images without poses, relative to the whole frame
+_STRETCH = 0.35  # logarithm of the most by which width and height change
+_AT_INSTRUMENT = 0.7  # share of the zoomed views that are centred near an instrument
+_ASIDE = 0.3  # the most by which its place differs from the centre, relative to the side
+_ROUND = 0.25  # share of the views with a round field
+_DIAMETERS, _CENTRE = (0.75, 1.25), 0.12  # relative to the side
+_BLURRED, _BLUR_PX = 0.3, (0.3, 1.3)  # share and standard deviation: renders are grainy
+
+
+def random_view(
+    rgb: Image, known: Annotations, side: int, rng: np.random.Generator
+) -> tuple[Image, Annotations]:
+    """A random view (side, side, 3) of an image (H, W, 3) with its map of instruments.
+
+    Pixels that the image does not cover, or outside a round field, are black and `OUTSIDE`. Shafts
+    may leave the view: their boxes are empty then. Images of distorting lenses stay as they are,
+    if they have poses.
+    """
+    assert known.instances is not None
+    if known.poses is None or _changeable(known.camera, rng):
+        rgb, known = _warped(rgb, known, side, rng)
+    if rng.random() < _ROUND:
+        rgb, known = _rounded(rgb, known, rng)
+    if rng.random() < _BLURRED:
+        rgb = np.asarray(cv2.GaussianBlur(rgb, (0, 0), rng.uniform(*_BLUR_PX)), np.uint8)
+    return rgb, known
+
+
+def _changeable(camera: Camera | None, rng: np.random.Generator) -> bool:
+    assert camera is not None
+    return not (camera.k1 or camera.k2) and rng.random() >= _UNCHANGED
+
+
+def _warped(
+    rgb: Image, known: Annotations, side: int, rng: np.random.Generator
+) -> tuple[Image, Annotations]:
+    """Zoomed, turned and shifted; without poses also stretched."""
+    assert known.instances is not None
+    height, width = rgb.shape[:2]
+    rendered = known.poses is not None
+    zoom = float(np.exp(rng.uniform(*np.log(_ZOOMS if rendered else _FRAME_ZOOMS))))
+    turn = rng.uniform(0, 2 * np.pi)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    stretch = 1.0 if rendered else float(np.exp(rng.uniform(-_STRETCH, _STRETCH) / 2))
+    scale = zoom * side / min(height, width)
+    linear = scale * rotation @ np.diag([stretch, 1 / stretch])
+    target = side * (0.5 + rng.uniform(-_ASIDE, _ASIDE, 2) * min(zoom, 1.0))
+    matrix = np.column_stack([linear, target - linear @ _focus(known.instances, zoom, rng)])
+    image = np.asarray(
+        cv2.warpAffine(rgb, _of_indices(matrix), (side, side), flags=cv2.INTER_LINEAR), np.uint8
+    )
+    instances = np.asarray(
+        cv2.warpAffine(
+            np.ascontiguousarray(known.instances), _of_indices(matrix), (side, side),
+            flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(OUTSIDE,),
+        ),
+        np.uint8,
+    )  # fmt: skip
+    moved = known if known.camera is None else _seen(known, matrix, zoom, turn, side)
+    tips = None if known.tips_px is None else known.tips_px @ linear.T + matrix[:, 2]
+    boxes = _boxes(instances, len(known.boxes))
+    return image, replace(moved, boxes=boxes, instances=instances, tips_px=tips)
+
+
+def _focus(instances: NDArray[np.uint8], zoom: float, rng: np.random.Generator) -> Array:
+    """The point (2,) px that comes near the view's centre: on an instrument, or anywhere."""
+    height, width = instances.shape
+    on_instrument = np.flatnonzero((instances > 0) & (instances != OUTSIDE))
+    if zoom > 1 and len(on_instrument) and rng.random() < _AT_INSTRUMENT:
+        y, x = np.unravel_index(rng.choice(on_instrument), instances.shape)
+        return np.array([x + 0.5, y + 0.5])
+    spread = max(1 - 1 / zoom, 0.0)  # no farther than the view still lies within the image
+    return np.array([width, height]) * (0.5 + spread * rng.uniform(-0.5, 0.5, 2))
+
+
+def _seen(
+    known: Annotations, matrix: Array, zoom: float, turn: float, side: int
+) -> Annotations:
+    """The poses, turned, and the camera of a zoomed, turned and shifted image."""
+    assert known.camera is not None and known.poses is not None
+    centre = matrix[:, :2] @ [known.camera.cx, known.camera.cy] + matrix[:, 2]
+    focal_px = known.camera.focal_px * zoom * side / min(known.camera.width, known.camera.height)
+    poses = known.poses.copy()
+    c, s = np.cos(turn), np.sin(turn)
+    poses[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]])
+    poses[:, 4] = unsigned_deg(poses[:, 4] + np.degrees(turn))
+    camera = Camera(side, side, focal_px, float(centre[0]), float(centre[1]))
+    return replace(known, poses=poses, camera=camera)
+
+
+def _rounded(
+    rgb: Image, known: Annotations, rng: np.random.Generator
+) -> tuple[Image, Annotations]:
+    """The same image through a round field, black outside."""
+    assert known.instances is not None
+    side = rgb.shape[0]
+    x, y = side * (0.5 + rng.uniform(-_CENTRE, _CENTRE, 2))
+    radius = side * rng.uniform(*_DIAMETERS) / 2
+    rows, columns = np.ogrid[:side, :side]
+    outside = (columns + 0.5 - x) ** 2 + (rows + 0.5 - y) ** 2 > radius**2
+    rgb, instances = rgb.copy(), known.instances.copy()
+    rgb[outside], instances[outside] = 0, OUTSIDE
+    return rgb, replace(known, boxes=_boxes(instances, len(known.boxes)), instances=instances)
+
+
+def _boxes(instances: NDArray[np.uint8], count: int) -> Array:
+    """The boxes (count, 4) of the shafts in a map; empty ones of those that have left it."""
+    masks = (instances == number for number in range(1, count + 1))
+    boxes = [mask_box(mask) if mask.any() else (0, 0, 0, 0) for mask in masks]
+    return np.array(boxes, np.float64).reshape(-1, 4)
+
+
+def _of_indices(matrix: Array) -> Array:
+    """The same map for OpenCV, which has the centre of pixel 0 at 0, not at 0.5 px."""
+    linear, shift = matrix[:, :2], matrix[:, 2]
+    return np.column_stack([linear, shift + linear @ [0.5, 0.5] - 0.5])
