@@ -16,7 +16,7 @@ from shaftpose.core.instruments import OUTSIDE, Annotations
 from shaftpose.core.masks import mask_box
 
 _UNCHANGED = 0.4  # share of the rendered images that stay as they are
-_ZOOMS = 0.6, 2.5
+_ZOOMS = 0.7, 2.5
 _FRAME_ZOOMS = 0.7, 2.2  # of images without poses, relative to the whole frame
 _STRETCH = 0.35  # logarithm of the most by which width and height change
 _AT_INSTRUMENT = 0.7  # share of the zoomed views that are centred near an instrument

@@ -146,7 +146,7 @@ def _samples(
             reach_px = (MIDDLE - _OUTERMOST) * step_px
             offsets = true_offsets(contour, pose, shaft, camera, reach_px)
             x, y = np.clip(contour.points, 0, [camera.width - 1, camera.height - 1]).astype(int).T
-            known = strips.of_rows(strips.inside & field[y, x]) > 0
+            known = strips.of_rows(strips.inside * field[y, x]) > 0
             yield strips.colours, strips.of_rows(offsets / step_px), known
 
 

