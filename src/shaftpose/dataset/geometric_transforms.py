@@ -32,9 +32,7 @@ def mirrored_x(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
     instances = None if known.instances is None else known.instances[:, ::-1]
     tips = None if known.tips_px is None else np.array([side, 0]) + known.tips_px * [-1, 1]
     poses = _changed(known.poses, (-1, 1), 180.0)
-    return rgb[:, ::-1], replace(
-        known, boxes=boxes, poses=poses, instances=instances, tips_px=tips
-    )
+    return rgb[:, ::-1], replace(known, boxes=boxes, poses=poses, instances=instances, tips_px=tips)
 
 
 def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
@@ -45,9 +43,7 @@ def mirrored_y(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:
     instances = None if known.instances is None else known.instances[::-1]
     tips = None if known.tips_px is None else np.array([0, side]) + known.tips_px * [1, -1]
     poses = _changed(known.poses, (1, -1), 0.0)
-    return rgb[::-1], replace(
-        known, boxes=boxes, poses=poses, instances=instances, tips_px=tips
-    )
+    return rgb[::-1], replace(known, boxes=boxes, poses=poses, instances=instances, tips_px=tips)
 
 
 def transposed(rgb: Image, known: Annotations) -> tuple[Image, Annotations]:

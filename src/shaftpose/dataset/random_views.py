@@ -39,10 +39,11 @@ def random_view(
     if known.poses is None or _changeable(known.camera, rng):
         rgb, known = _warped(rgb, known, side, rng)
     if rng.random() < _ROUND:
-        rgb, known = _rounded(rgb, known, rng)
+        known = _rounded(known, rng)
     if rng.random() < _BLURRED:
         rgb = np.asarray(cv2.GaussianBlur(rgb, (0, 0), rng.uniform(*_BLUR_PX)), np.uint8)
-    return rgb, known
+    assert known.instances is not None
+    return np.where((known.instances != OUTSIDE)[..., None], rgb, np.uint8(0)), known
 
 
 def _changeable(camera: Camera | None, rng: np.random.Generator) -> bool:
@@ -92,9 +93,7 @@ def _focus(instances: NDArray[np.uint8], zoom: float, rng: np.random.Generator) 
     return np.array([width, height]) * (0.5 + spread * rng.uniform(-0.5, 0.5, 2))
 
 
-def _seen(
-    known: Annotations, matrix: Array, zoom: float, turn: float, side: int
-) -> Annotations:
+def _seen(known: Annotations, matrix: Array, zoom: float, turn: float, side: int) -> Annotations:
     """The poses, turned, and the camera of a zoomed, turned and shifted image."""
     assert known.camera is not None and known.poses is not None
     centre = matrix[:, :2] @ [known.camera.cx, known.camera.cy] + matrix[:, 2]
@@ -107,19 +106,16 @@ def _seen(
     return replace(known, poses=poses, camera=camera)
 
 
-def _rounded(
-    rgb: Image, known: Annotations, rng: np.random.Generator
-) -> tuple[Image, Annotations]:
-    """The same image through a round field, black outside."""
+def _rounded(known: Annotations, rng: np.random.Generator) -> Annotations:
+    """The annotations of an image that a round field cuts."""
     assert known.instances is not None
-    side = rgb.shape[0]
+    side = len(known.instances)
     x, y = side * (0.5 + rng.uniform(-_CENTRE, _CENTRE, 2))
     radius = side * rng.uniform(*_DIAMETERS) / 2
     rows, columns = np.ogrid[:side, :side]
     outside = (columns + 0.5 - x) ** 2 + (rows + 0.5 - y) ** 2 > radius**2
-    rgb, instances = rgb.copy(), known.instances.copy()
-    rgb[outside], instances[outside] = 0, OUTSIDE
-    return rgb, replace(known, boxes=_boxes(instances, len(known.boxes)), instances=instances)
+    instances = np.where(outside, np.uint8(OUTSIDE), known.instances)
+    return replace(known, boxes=_boxes(instances, len(known.boxes)), instances=instances)
 
 
 def _boxes(instances: NDArray[np.uint8], count: int) -> Array:

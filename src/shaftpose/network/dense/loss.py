@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 from torch import Tensor
 from torch.nn import functional
 
-from shaftpose.core.instruments import OUTSIDE, TOOL, TOOL_OR_SHAFT, UNKNOWN
+from shaftpose.core.instruments import OUTSIDE, TOOL_OR_SHAFT, UNKNOWN
 from shaftpose.dataset.batches import Targets
 from shaftpose.network.dense.coding import (
     OFFSET_SCALE_PX,
@@ -107,7 +107,8 @@ class DenseLoss:
 
 def shaft_masks(instances: Tensor) -> tuple[Tensor, Tensor]:
     """Pixels of shafts, and pixels of which this is known, (B, H, W) bool each."""
-    return (instances > 0) & (instances < OUTSIDE), (instances < TOOL_OR_SHAFT) | (instances == TOOL)
+    unknown = (instances == UNKNOWN) | (instances == TOOL_OR_SHAFT)
+    return (instances > 0) & (instances < OUTSIDE), ~unknown
 
 
 def tool_masks(instances: Tensor) -> tuple[Tensor, Tensor]:

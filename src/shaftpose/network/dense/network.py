@@ -1,10 +1,9 @@
 """Architecture E: a dense single-shot network, a small residual U-Net. Not in the paper.
 
-It predicts a mask of all shafts and one of all instruments, with jaws and wrists, at half the image's
-resolution. At a quarter it predicts a heat map
-of the tips and, for every pixel of a shaft, the offset to its tip, the tip's depth and the
-direction of the axis. An edge reader is trained along with it, on the same images; the two share no
-weights.
+It predicts two masks, of all shafts and of all instruments with jaws and wrists, at half the
+image's resolution. At a quarter it predicts a heat map of the tips and, for every pixel of a shaft,
+the offset to its tip, the tip's depth and the direction of the axis. An edge reader is trained
+along with it, on the same images; the two share no weights.
 """
 
 from collections.abc import Iterable, Sequence
@@ -52,8 +51,8 @@ class DenseOutputs(NamedTuple):
 class DenseNetwork(MaskNetwork):
     """The U-Net and the edge reader.
 
-    down: the encoder, a stage for each of the levels at 1/2, 1/4, ... of the image's resolution;
-    channels: of these levels; shaft: None if the shape of its outline is unknown: there is no edge
+    channels: of the encoder's levels at 1/2, 1/4, ... of the image's resolution; None: the encoder
+    is EfficientNet-lite0; shaft: None if the shape of its outline is unknown: there is no edge
     reader then.
     """
 
@@ -61,18 +60,14 @@ class DenseNetwork(MaskNetwork):
     takes_any_size = True
 
     def __init__(
-        self,
-        down: nn.ModuleList,
-        channels: Sequence[int],
-        camera: Camera,
-        shaft: Shaft | None,
-        loss: DenseLoss,
+        self, channels: Sequence[int] | None, camera: Camera, shaft: Shaft | None, loss: DenseLoss
     ) -> None:
         super().__init__()
         self.camera, self.shaft, self.loss = camera, shaft, loss
         self.side_px = camera.width
         self.edges = None if shaft is None else EdgeReader()
-        self.down = down
+        self.down = Lite0() if channels is None else _scratch_encoder(channels)
+        channels = LEVELS if channels is None else channels
         self.up = nn.ModuleList(
             conv_norm_relu(fine + coarse, fine)
             for fine, coarse in zip(channels, channels[1:], strict=False)
@@ -141,7 +136,7 @@ class DenseNetwork(MaskNetwork):
         return self.down.parameters() if isinstance(self.down, Lite0) else ()
 
 
-def scratch_encoder(channels: Sequence[int]) -> nn.ModuleList:
+def _scratch_encoder(channels: Sequence[int]) -> nn.ModuleList:
     """Stages with random weights: a strided convolution each and, except in the first, a residual
     block."""
     before = (3, *channels[:-1])
@@ -162,13 +157,12 @@ def dense_network(
 ) -> DenseNetwork:
     """Build the network from the values in a variant's file.
 
-    channels: of the encoder `scratch`; `lite0` has its own. Raises ValueError otherwise. The outline of an instrument from a CAD file, or through a distorting lens, is not known.
+    channels: of the encoder `scratch`, None for `lite0`, else ValueError is raised. The outline of
+    an instrument from a CAD file, or through a distorting lens, is not known.
     """
     known = shaft.cad is None and not any((*distortion.k1, *distortion.k2))
     outlined = Shaft(shaft.diameter_mm, shaft.length_mm, shaft.tip == "flat")
     pinhole = Camera.from_field_of_view(camera.size_px, camera.size_px, camera.view_deg)
     if (channels is None) == (encoder == "scratch"):
         raise ValueError(f"channels = {channels} with encoder {encoder}: lite0 has its own (null)")
-    levels = LEVELS if channels is None else channels
-    down = Lite0() if channels is None else scratch_encoder(levels)
-    return DenseNetwork(down, levels, pinhole, outlined if known else None, loss)
+    return DenseNetwork(channels, pinhole, outlined if known else None, loss)
