@@ -5,6 +5,7 @@ point sees, so poses stay exact. Images without poses may also be stretched.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,11 +17,12 @@ from shaftpose.core.instruments import OUTSIDE, Annotations
 from shaftpose.core.masks import mask_box
 
 _UNCHANGED = 0.4  # share of the rendered images that stay as they are
-_ZOOMS = 0.7, 2.5
-_FRAME_ZOOMS = 0.7, 2.2  # of images without poses, relative to the whole frame
+_ZOOMS = 0.8, 2.5
+_FRAME_ZOOMS = 0.8, 2.2  # of images without poses, relative to the whole frame
 _STRETCH = 0.35  # logarithm of the most by which width and height change
 _AT_INSTRUMENT = 0.7  # share of the zoomed views that are centred near an instrument
 _ASIDE = 0.3  # the most by which its place differs from the centre, relative to the side
+_LEAST_COVERED, _TRIES, _GRID = 0.6, 10, 20  # share of a view that the image covers, points a side
 _ROUND = 0.25  # share of the views with a round field
 _DIAMETERS, _CENTRE = (0.75, 1.25), 0.12  # relative to the side
 _BLURRED, _BLUR_PX = 0.3, (0.3, 1.3)  # share and standard deviation: renders are grainy
@@ -51,59 +53,95 @@ def _changeable(camera: Camera | None, rng: np.random.Generator) -> bool:
     return not (camera.k1 or camera.k2) and rng.random() >= _UNCHANGED
 
 
+class _Placement(NamedTuple):
+    """Where a view lies: matrix, (2, 3), from px of the image to px of the view; its zoom relative
+    to the whole image, and its turn in radians."""
+
+    matrix: Array
+    zoom: float
+    turn: float
+
+
 def _warped(
     rgb: Image, known: Annotations, side: int, rng: np.random.Generator
 ) -> tuple[Image, Annotations]:
     """Zoomed, turned and shifted; without poses also stretched."""
     assert known.instances is not None
-    height, width = rgb.shape[:2]
-    rendered = known.poses is not None
-    zoom = float(np.exp(rng.uniform(*np.log(_ZOOMS if rendered else _FRAME_ZOOMS))))
-    turn = rng.uniform(0, 2 * np.pi)
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    stretch = 1.0 if rendered else float(np.exp(rng.uniform(-_STRETCH, _STRETCH) / 2))
-    scale = zoom * side / min(height, width)
-    linear = scale * rotation @ np.diag([stretch, 1 / stretch])
-    target = side * (0.5 + rng.uniform(-_ASIDE, _ASIDE, 2) * min(zoom, 1.0))
-    matrix = np.column_stack([linear, target - linear @ _focus(known.instances, zoom, rng)])
-    image = np.asarray(
-        cv2.warpAffine(rgb, _of_indices(matrix), (side, side), flags=cv2.INTER_LINEAR), np.uint8
-    )
+    place = _place(known.instances, known.poses is not None, side, rng)
+    matrix = _of_indices(place.matrix)
+    image = np.asarray(cv2.warpAffine(rgb, matrix, (side, side)), np.uint8)
     instances = np.asarray(
         cv2.warpAffine(
-            np.ascontiguousarray(known.instances), _of_indices(matrix), (side, side),
+            np.ascontiguousarray(known.instances), matrix, (side, side),
             flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(OUTSIDE,),
         ),
         np.uint8,
     )  # fmt: skip
-    moved = known if known.camera is None else _seen(known, matrix, zoom, turn, side)
-    tips = None if known.tips_px is None else known.tips_px @ linear.T + matrix[:, 2]
+    moved = known if known.camera is None else _seen(known, known.camera, place, side)
+    tips = None if known.tips_px is None else _mapped(place.matrix, known.tips_px)
     boxes = _boxes(instances, len(known.boxes))
     return image, replace(moved, boxes=boxes, instances=instances, tips_px=tips)
+
+
+def _place(
+    instances: NDArray[np.uint8], rendered: bool, side: int, rng: np.random.Generator
+) -> _Placement:
+    """The first of a few random places of which the image covers enough, or the last."""
+    for _ in range(_TRIES):
+        place = _random_place(instances, rendered, side, rng)
+        if _covered(instances, place.matrix, side) >= _LEAST_COVERED:
+            break
+    return place
+
+
+def _random_place(
+    instances: NDArray[np.uint8], rendered: bool, side: int, rng: np.random.Generator
+) -> _Placement:
+    zoom = float(np.exp(rng.uniform(*np.log(_ZOOMS if rendered else _FRAME_ZOOMS))))
+    turn = float(rng.uniform(0, 2 * np.pi))
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    stretch = 1.0 if rendered else float(np.exp(rng.uniform(-_STRETCH, _STRETCH) / 2))
+    scale = zoom * side / min(instances.shape)
+    linear = scale * rotation @ np.diag([stretch, 1 / stretch])
+    target = side * (0.5 + rng.uniform(-_ASIDE, _ASIDE, 2))
+    shift = target - linear @ _focus(instances, zoom, rng)
+    return _Placement(np.column_stack([linear, shift]), zoom, turn)
+
+
+def _covered(instances: NDArray[np.uint8], matrix: Array, side: int) -> float:
+    """The share of a view's points that lie in the visible field of the image."""
+    steps = (np.arange(_GRID) + 0.5) * side / _GRID
+    points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    x, y = np.floor(np.linalg.solve(matrix[:, :2], (points - matrix[:, 2]).T)).astype(int)
+    inside = (x >= 0) & (y >= 0) & (x < instances.shape[1]) & (y < instances.shape[0])
+    return float(np.sum(instances[y[inside], x[inside]] != OUTSIDE) / len(points))
 
 
 def _focus(instances: NDArray[np.uint8], zoom: float, rng: np.random.Generator) -> Array:
     """The point (2,) px that comes near the view's centre: on an instrument, or anywhere."""
     height, width = instances.shape
     on_instrument = np.flatnonzero((instances > 0) & (instances != OUTSIDE))
-    if zoom > 1 and len(on_instrument) and rng.random() < _AT_INSTRUMENT:
+    if len(on_instrument) and rng.random() < _AT_INSTRUMENT:
         y, x = np.unravel_index(rng.choice(on_instrument), instances.shape)
         return np.array([x + 0.5, y + 0.5])
     spread = max(1 - 1 / zoom, 0.0)  # no farther than the view still lies within the image
     return np.array([width, height]) * (0.5 + spread * rng.uniform(-0.5, 0.5, 2))
 
 
-def _seen(known: Annotations, matrix: Array, zoom: float, turn: float, side: int) -> Annotations:
+def _seen(known: Annotations, camera: Camera, place: _Placement, side: int) -> Annotations:
     """The poses, turned, and the camera of a zoomed, turned and shifted image."""
-    assert known.camera is not None and known.poses is not None
-    centre = matrix[:, :2] @ [known.camera.cx, known.camera.cy] + matrix[:, 2]
-    focal_px = known.camera.focal_px * zoom * side / min(known.camera.width, known.camera.height)
-    poses = known.poses.copy()
-    c, s = np.cos(turn), np.sin(turn)
+    assert known.poses is not None
+    x, y = _mapped(place.matrix, np.array([camera.cx, camera.cy])).tolist()
+    focal_px = camera.focal_px * place.zoom * side / min(camera.width, camera.height)
+    poses, (c, s) = known.poses.copy(), (np.cos(place.turn), np.sin(place.turn))
     poses[:, :2] = poses[:, :2] @ np.array([[c, s], [-s, c]])
-    poses[:, 4] = unsigned_deg(poses[:, 4] + np.degrees(turn))
-    camera = Camera(side, side, focal_px, float(centre[0]), float(centre[1]))
-    return replace(known, poses=poses, camera=camera)
+    poses[:, 4] = unsigned_deg(poses[:, 4] + np.degrees(place.turn))
+    return replace(known, poses=poses, camera=Camera(side, side, focal_px, x, y))
+
+
+def _mapped(matrix: Array, points: Array) -> Array:
+    """Points (..., 2) px, mapped by (2, 3)."""
+    return np.asarray(points @ matrix[:, :2].T + matrix[:, 2])
 
 
 def _rounded(known: Annotations, rng: np.random.Generator) -> Annotations:
