@@ -215,9 +215,11 @@ def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
         views(640, 480)
 
 
-def test_a_camera_that_sees_too_little_is_named() -> None:
-    with pytest.raises(InputError, match="has 42 x 23 px at the model's scale"):
-        known_camera(stated_view(10.0), MODEL, True, fail)(1920, 1080)
+def test_the_shorter_side_is_scaled_to_the_training_images_whatever_the_camera() -> None:
+    for view_deg, focal in ((10.0, 1709.0), (63.34, 242.4)):
+        camera = known_camera(stated_view(view_deg), MODEL, True, fail)(1920, 1080).camera
+        assert (camera.width, camera.height) == pytest.approx((531, 299), abs=1)
+        assert camera.focal_px == pytest.approx(focal, rel=0.01)
 
 
 def test_a_network_of_squares_says_that_it_sees_the_central_one() -> None:
