@@ -257,11 +257,11 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
         calibration = camera(width, height)
         if any_size:
             check_frame(width, height)
-            pinhole = calibration.undistorted(model.focal_px)
             for cut in calibration.cuts():
                 warn(cut)
-            scale = model.width / max(min(pinhole.width, pinhole.height), 1)
-            return Resampled(calibration, calibration.undistorted(scale * model.focal_px))
+            whole = calibration.undistorted(calibration.focal_px)
+            focal_px = whole.focal_px * model.width / min(whole.width, whole.height)
+            return Resampled(calibration, calibration.undistorted(focal_px))
         resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
             warn(
