@@ -12,12 +12,14 @@ from shaftpose.core.images import read_rgb, write_jpeg
 from shaftpose.evaluation.frame_results import FrameResults
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
+from shaftpose.inference.predictor import Predictor
 from shaftpose.stage_files import read_stage_file
 from studies import real_frames
+from studies.choose_confidence import choose
 from studies.frame_tables import frame_blocks, runs_sentence
 from studies.real_frames import Run, Runs, label, measure, runs_of
 from studies.write_results_page import REAL, real_images
-from tests.conftest import SIDE
+from tests.conftest import SCORES, SIDE
 
 ROOT = Path(__file__).parents[2]
 # The first detection of `constant_model`, and its tip.
@@ -70,6 +72,14 @@ def test_results_name_the_model_the_part_and_both_digests(
     assert (metrics["box_recall"].value, metrics["box_precision"].value) == (1, 0.5)
     assert metrics["empty_detected"].value == 1
     assert not (tmp_path / "real/runs.json").exists()
+
+
+def test_a_threshold_is_chosen_by_the_axes_of_the_validation_part(model: str, data: Path) -> None:
+    first, second = SCORES[:2]
+    assert Predictor(Path(model)).confidence not in SCORES
+    threshold = choose(Path(model), data)  # the first detection is right, the second is not
+    assert second < threshold == pytest.approx(first)
+    assert Predictor(Path(model)).confidence == threshold
 
 
 def test_the_test_part_is_run_once(model: str, data: Path, tmp_path: Path) -> None:

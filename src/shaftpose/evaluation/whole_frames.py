@@ -21,6 +21,7 @@ from shaftpose.metrics.image_metrics import Mask
 from shaftpose.refinement.contour import Shaft, shaft_contour
 
 LEAST_SCORE = 0.01  # of the detections that average precision sees
+LIKELY = 0.5  # from this probability on, a pixel belongs to an instrument
 
 
 class FrameModel:
@@ -55,7 +56,16 @@ class FrameModel:
             boxes=np.array([each.box for each in found]).reshape(-1, 4),
             masks=[field & convex_mask(outline, field.shape) for outline in outlines],
             axes=np.array([each.axis_px for each in found]).reshape(-1, 2, 2),
+            tools=self._tools(rgb, view, field),
         )
+
+    def _tools(self, rgb: Image, view: View, field: Mask) -> Mask | None:
+        """All parts of instruments (H, W) in a frame; None if the model does not say."""
+        shown = self._predictor.tools(view.picture(rgb)[None])
+        if shown is None:
+            return None
+        wide = cv2.resize(shown[0], rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        return field & (wide > LIKELY)
 
 
 def _unsaid(warning: str) -> None:
