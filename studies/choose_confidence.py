@@ -37,8 +37,11 @@ def choose(model: Path, data: Path) -> float:
     curve = Ranked(frames, "axis", None).curve(np.ones(len(frames)))
     threshold = best_confidence(curve)
     predictor = Predictor(model)
-    name = "confidence" if predictor.refiner is None else "fit_confidence"
-    store_metadata(model, replace(predictor.metadata, **{name: threshold}))
+    if predictor.refiner is None:
+        metadata = replace(predictor.metadata, confidence=threshold)
+    else:
+        metadata = replace(predictor.metadata, fit_confidence=threshold)
+    store_metadata(model, metadata)
     return threshold
 
 

@@ -42,7 +42,7 @@ def data(tmp_path: Path) -> Path:
         {"id": n, "file_name": f"{name}.jpg", "width": SIDE, "height": SIDE, "operation": name}
         for n, name in enumerate("ab")
     ]
-    attributes = {"tip": TIP, "tail": [60, 200]}
+    attributes = {"tip": TIP, "tail": [115, 198]}
     shafts = [{"image_id": 0, "bbox": BOX, "segmentation": [corners], "attributes": attributes}]
     for name in "ab":
         write_jpeg(np.full((SIDE, SIDE, 3), 120, np.uint8), folder / "images" / f"{name}.jpg")
