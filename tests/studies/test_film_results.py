@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.cli.demo import OPTIONS
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.settings.compose import composed_settings
 from studies.film_results import changes, film_errors
-from studies.moving_shafts import poses_at
+from studies.moving_shafts import HEIGHT, OVERRIDES, WIDTH, poses_at, view_deg
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,3 +38,17 @@ def test_the_shafts_stay_where_the_model_knows_them() -> None:
     low, high = np.array([ranges.x_mm, ranges.y_mm, ranges.z_mm, ranges.pitch_deg, (0, 360)]).T
     poses = np.array([pose.as_array() for n in range(500) for pose in poses_at(n / 25)])
     assert np.all((poses >= low) & (poses < high))
+
+
+def test_tips_leave_the_central_square_and_stay_in_the_frame() -> None:
+    camera = composed_settings(ROOT, *OVERRIDES).rendering.camera
+    focal_px = WIDTH / 2 / np.tan(np.radians(camera.view_deg / 2))
+    poses = np.array([[pose.tip_mm for pose in poses_at(n / 25)] for n in range(100)])
+    x, y = np.moveaxis(focal_px * poses[..., :2] / poses[..., 2:], -1, 0)
+    assert np.all(np.abs(x) < WIDTH / 2) and np.all(np.abs(y) < HEIGHT / 2)
+    assert np.mean(np.abs(x) > HEIGHT / 2, axis=0).min() > 0.1
+
+
+def test_the_demo_states_the_camera_of_the_film() -> None:
+    stated = f"--view-deg={view_deg(composed_settings(ROOT, *OVERRIDES)):.1f}"
+    assert stated in OPTIONS
