@@ -19,6 +19,7 @@ from PIL import Image
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.files import read_json
 from shaftpose.core.geometry import ShaftPose
+from shaftpose.core.images import resized
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.tracker import matches
@@ -35,7 +36,11 @@ PAGE, PICTURE = ROOT / "docs/prediction.md", ROOT / "docs/images/film.gif"
 RUNS = {"each frame alone": "alone", "`--track`": "tracked"}
 HEADINGS = headings(metrics_named(*POSE_DIMENSIONS))
 NEAR_MM = 12.0  # a tip further away belongs to another shaft
-EVERY, COLOURS = 3, 96  # frames of the film and colours in the picture
+EVERY, COLOURS, PICTURE_PX = (
+    3,
+    96,
+    (400, 225),
+)  # frames of the film; colours and size of the picture
 
 Array = NDArray[np.float64]
 # Frame and shaft -> error (5,), mm and deg.
@@ -104,7 +109,8 @@ def _texts(values: Array) -> list[str]:
 
 def write_picture(film: Path, picture: Path) -> None:
     """Write every few frames of a film as an animated GIF."""
-    frames = [Image.fromarray(frame.rgb) for frame in VideoFile(film).frames()][::EVERY]
+    shown = list(VideoFile(film).frames())[::EVERY]
+    frames = [Image.fromarray(resized(frame.rgb, *PICTURE_PX)) for frame in shown]
     # One palette for all: what stays alike from frame to frame takes no bytes.
     palette = frames[0].quantize(COLOURS)
     drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
