@@ -34,8 +34,9 @@ FILM, FRAME, POSES = "film.mp4", "frame.jpg", "poses.json"
 QUALITY = 95  # of the frame
 # One tissue, which the test sets take.
 OVERRIDES = (
-    "variant=e", "variants=[e]", f"camera.size_px={WIDTH}", "profile=smoke", "profiles.smoke.sources=4",
-    "profiles.smoke.variations=1", "profiles.smoke.samples=[32,32]", "backgrounds.held_out=0.25",
+    "variant=e", "variants=[e]", f"camera.size_px={WIDTH}", "profile=smoke",
+    "profiles.smoke.sources=4", "profiles.smoke.variations=1", "profiles.smoke.samples=[32,32]",
+    "backgrounds.held_out=0.25",
 )  # fmt: skip
 # Middle of the motion, amplitude and period in s of x, y, z, pitch and yaw: two hands that enter
 # from the sides and work there and in the middle. The right shaft's yaw passes from 359 to 0 deg.
