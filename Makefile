@@ -4,12 +4,9 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-# `variants` of params.yaml, a list on one line, from the last: E trains longest, and started first it
-# leaves no core idle at the end.
-VARIANTS := $(shell sed -n 's/^variants: *\[\(.*\)\].*/\1/p' params.yaml | tr ',' '\n' | sed '1!G;h;$$!d')
-ifeq ($(VARIANTS),)
-$(error params.yaml: `variants` must be a list on one line, as in [c, d])
-endif
+# `variants` of params.yaml, read where a target needs it, from the last: E trains longest, and
+# started first it leaves no core idle at the end.
+VARIANTS = $(or $(shell $(BIN)/python -c 'import yaml; print(*yaml.safe_load(open("params.yaml"))["variants"][::-1])'),$(error params.yaml: `variants` must be a list of names))
 # On a CPU, narrow networks train faster in parallel, each on a share of the cores, than one by one
 # on all cores; a GPU trains one at a time.
 JOBS ?= $(shell if nvidia-smi -L >/dev/null 2>&1; then echo 1; else n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)); fi)

@@ -3,6 +3,8 @@
 import re
 import shutil
 import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,3 +30,24 @@ def test_help_lists_every_target() -> None:
     command = ["make", "--no-print-directory", "help"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert [line.split()[0] for line in result.stdout.splitlines()] == list(RULES)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_variants_are_read_in_the_style_in_which_dvc_writes_them(tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_text(TEXT)
+    (tmp_path / "params.yaml").write_text("variants:\n- c\n- d_noise\n- e\n")
+    command = ["make", "--dry-run", f"VENV={sys.prefix}", "READY=", "JOBS=1", "repro"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert re.findall(r" train@(\w+)", result.stdout) == ["e", "d_noise", "c"]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_only_targets_that_train_need_a_list_of_variants(tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_text(TEXT)
+    (tmp_path / "params.yaml").write_text("variants: []\n")
+    command = ["make", "--dry-run", f"VENV={sys.prefix}", "READY="]
+    run = partial(subprocess.run, cwd=tmp_path, capture_output=True, text=True)
+    assert run([*command, "ui"]).returncode == 0
+    refused = run([*command, "repro"])
+    assert "params.yaml: `variants` must be a list of names" in refused.stderr
+    assert refused.returncode != 0
