@@ -23,12 +23,14 @@ def to_page(
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
     real: AblationReport | None = None,
+    whole_frames: Mapping[str, str] | None = None,
 ) -> str:
     """The page as Markdown, by the template results.md.j2.
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
     errors of pose classes; sweeps: tables of `python -m studies.draw_sweep`, by name; benchmarks:
-    contents of result files, by name; real: the run of the preset `laparoscopy`.
+    contents of result files, by name; real: the run of the preset `laparoscopy`; whole_frames:
+    tables of `python -m studies.whole_frames`, by model.
     """
     return rendered(
         "results.md.j2",
@@ -40,6 +42,7 @@ def to_page(
         fewest=FEWEST,
         sweeps={name: _sweep(*table) for name, table in sweeps.items()},
         no_value=NO_VALUE,
+        whole_frames=whole_frames or {},
         benchmarks={name: _benchmark(content) for name, content in benchmarks.items()},
     )
 

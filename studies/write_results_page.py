@@ -29,6 +29,7 @@ from studies.palette_pictures import store_with_palette
 from studies.record import EvaluatedTraining, read_record
 from studies.results_page import Table, to_page
 from studies.table import PICTURES, repeated_figures
+from studies.whole_frames.record import tables as whole_frame_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE, README, REAL = ROOT / "docs/results.md", ROOT / "README.md", ROOT / "docs/real_images.md"
@@ -63,7 +64,10 @@ def page(root: Path, trainings: Sequence[EvaluatedTraining]) -> str:
     benchmarks = contents(root / "benchmarks/results")
     has_real = (root / "reports/real/ablation.json").is_file()
     real = report_of(root, "reports/real") if has_real else None
-    return to_page(report_of(root), trainings, rounding_table(), sweeps(root), benchmarks, real)
+    return to_page(
+        report_of(root), trainings, rounding_table(), sweeps(root), benchmarks, real,
+        whole_frame_tables(root),
+    )  # fmt: skip
 
 
 def readme(root: Path) -> str:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 SOURCES = (
     "reports/ablation.json", "reports/real", "reports/trainings", "reports/sweeps",
-    "reports/bundled", "benchmarks/results", "params.yaml", "conf/variant",
+    "reports/bundled", "reports/whole_frames", "benchmarks/results", "params.yaml", "conf/variant",
 )  # fmt: skip
 
 
