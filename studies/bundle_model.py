@@ -10,7 +10,6 @@ are not written: they belong to others.
 
 import argparse
 import shutil
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +19,7 @@ import onnx
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.split import read_keys
-from shaftpose.evaluation.results import Evaluation, Silhouettes
+from shaftpose.evaluation.results import Evaluation
 from shaftpose.export.compression import with_half_weights
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.inference.model_files import (
@@ -31,11 +30,10 @@ from shaftpose.inference.model_files import (
     checksum,
 )
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.image_metrics import SilhouetteScore
-from shaftpose.metrics.table import MetricValues, metrics_named, metrics_of
+from shaftpose.metrics.table import MetricValues
 from shaftpose.report.accuracy_tables import ACCURACY
 from shaftpose.report.cells import cells, headings
-from shaftpose.stage_files import read_stage_file
+from shaftpose.stage_files import REAL, read_stage_file
 from shaftpose.training.fingerprint import rendered_digest
 from studies.evaluate_trainings import check, finished
 from studies.model_comparison import Comparison, compare
@@ -45,7 +43,6 @@ from studies.pages import rendered
 ROOT = Path(__file__).parents[1]
 MODELS, FRAMES = Path("src/shaftpose/models"), Path("tests/data/bundled_models")
 MOST_BYTES = 8_000_000  # of all bundled models
-SILHOUETTES = (*metrics_named("detected_rate", "iou"), *metrics_of("image"))
 SAME_MAP = 1e-3  # rounding causes smaller differences
 
 
@@ -85,23 +82,13 @@ def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice:
         if (worse := complaints(stored, frames)) or not comparison.holds:
             what = "; ".join([str(comparison), *worse])
             raise InputError(f"{folder}/model.onnx: loses too much in 16 bits: {what}")
-        text = card(name, result, stored, comparison, procedural, silhouettes(results), notice)
+        text = card(name, result, stored, comparison, procedural, notice)
         (models / f"{name}{CARD_SUFFIX}").write_text(text)
         shutil.copytree(models, root / MODELS, dirs_exist_ok=True)
         shutil.rmtree(root / FRAMES / name, ignore_errors=True)
         if procedural:
             shutil.copytree(frames, root / FRAMES / name)
     print(f"{name}: written to {MODELS}" + (f" and {FRAMES / name}" if procedural else ""))
-
-
-def silhouettes(results: Path) -> Mapping[str, SilhouetteScore]:
-    """The silhouettes' scores by set of images, of fitted poses if there are any; empty if they
-    were not measured."""
-    path = results / "silhouette.json"
-    if not path.is_file():
-        return {}
-    scores = read_stage_file(path, Silhouettes, "run `dvc repro evaluate_real`")
-    return scores.refined or scores.raw
 
 
 def evaluated(folder: Path, results: Path) -> Evaluation:
@@ -160,13 +147,10 @@ def card(
     stored: Predictor,
     comparison: Comparison,
     procedural: bool,
-    scores: Mapping[str, SilhouetteScore],
     notice: str,
 ) -> str:
-    """The model card as Markdown.
-
-    procedural: whether the backgrounds are; scores: of silhouettes by set of images.
-    """
+    """The model card as Markdown; procedural: whether the backgrounds are."""
+    mixed_in = evaluation.training.data.mixed_in
     files = {"exported": comparison.exported, "bundled": comparison.stored}
     return rendered(
         "model_card.md.j2",
@@ -178,14 +162,7 @@ def card(
         comparison=comparison,
         tissue=procedural,
         notice=notice.strip(),
-        real=any(images.startswith("real/") for images in scores),
-        silhouettes=pipe_table(
-            ["Images", *headings(SILHOUETTES)],
-            [
-                [f"{images} ({score.images})", *cells(vars(score), SILHOUETTES)]
-                for images, score in scores.items()
-            ],
-        ),
+        real=mixed_in is not None and mixed_in.domain == REAL,
         errors=pipe_table(
             ["File", *headings(ACCURACY)],
             [[name, *cells(metrics, ACCURACY)] for name, metrics in files.items()],

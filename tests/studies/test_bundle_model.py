@@ -10,12 +10,9 @@ import pytest
 from onnx import ModelProto, numpy_helper
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.files import write_json
-from shaftpose.evaluation.results import Silhouettes
 from shaftpose.inference import model_files
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.image_metrics import SilhouetteScore
 from studies import bundle_model
 from studies.model_frames import complaints
 from tests.conftest import BOXES
@@ -79,19 +76,19 @@ def test_the_card_states_what_the_files_do(training: Path) -> None:
         assert stated in card
 
 
-def test_a_model_of_real_images_states_what_was_measured_and_whose_they_are(
-    training: Path,
-) -> None:
-    fitted = SilhouetteScore(0.9, 0.61, 27, 40, 0.5, 0.7, tip_px=3.0, image_axis_deg=1.5)
-    scores = Silhouettes({"real/clear": SilhouetteScore(0.9, 0.5, 27, 40)}, {"real/clear": fitted})
-    write_json(training / "silhouette.json", asdict(scores))
+def test_a_model_of_real_images_names_its_encoder_and_whose_they_are(training: Path) -> None:
+    path = training / "evaluation.json"
+    result = json.loads(path.read_text())
+    result["training"]["data"]["mixed_in"]["domain"] = "real"
+    result["training"]["variant"]["network"]["encoder"] = "lite0"
+    path.write_text(json.dumps(result))
     root = training.parents[1] / "root"
     bundle_model.bundle(training, training, root, "other", "Frames: somebody, MIT")
     card = (root / "src/shaftpose/models/other.md").read_text()
     assert card.startswith("# Model card: other\n")
     assert "with `--model other`" in card
-    assert "| real/clear (27) | 0.900 | 0.610 | 3.0 | 1.5 |" in card
-    assert "Real images were not measured" not in card
+    assert "EfficientNet-lite0 has learned on ImageNet" in card
+    assert "docs/real_images.md" in card and "Real images were not measured" not in card
     assert card.endswith("Images that it was trained with:\n\nFrames: somebody, MIT\n")
 
 
