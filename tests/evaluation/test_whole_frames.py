@@ -1,6 +1,7 @@
 """What a model finds in whole frames, with a model whose answer is known."""
 
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,9 +11,16 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco_images import CocoImage
-from shaftpose.evaluation.whole_frames import FrameModel, convex_mask, field_mask, outline_px
+from shaftpose.evaluation.whole_frames import (
+    FrameModel,
+    convex_mask,
+    field_mask,
+    outline_px,
+    tool_mask,
+)
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata, checksum
+from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import central_square, whole_frame
 from shaftpose.refinement.contour import Shaft
 from tests.conftest import BOXES, POSES, SIDE
@@ -96,6 +104,31 @@ def test_masks_end_at_the_field(constant_model: Path, tmp_path: Path) -> None:
     (mask, _) = FrameModel(str(constant_model))(CocoImage(path, SIDE, SIDE, (), field=left)).masks
     assert mask[:, :100].any()
     assert not mask[:, 102:].any()
+
+
+class Bright:
+    """Takes bright pixels for instruments, and remembers the pictures that it saw."""
+
+    def __init__(self, says: bool = True) -> None:
+        self.says, self.sizes = says, list[tuple[int, ...]]()
+
+    def tools(self, images: np.ndarray) -> np.ndarray | None:
+        self.sizes.append(images.shape)
+        return images[..., 0] / np.float32(255) if self.says else None
+
+
+def test_tools_are_found_in_a_frames_pixels() -> None:
+    # A grey picture in columns 200 to 1000, with a white instrument in its lower left.
+    rgb = np.zeros((2 * SIDE, 1200, 3), dtype=np.uint8)
+    rgb[:, 200:1000] = 60
+    rgb[400:, 200:400] = 255
+    bright, view = Bright(), whole_frame(1200, 2 * SIDE, MODEL)
+    found = tool_mask(cast(Predictor, bright), rgb, view)
+    assert found is not None
+    assert found.shape == rgb.shape[:2]
+    assert np.count_nonzero(found != (rgb[..., 0] == 255)) < 2 * (200 + 200)  # of its border
+    assert bright.sizes == [(1, SIDE, 400, 3)]  # the picture alone
+    assert tool_mask(cast(Predictor, Bright(says=False)), rgb, view) is None
 
 
 def test_a_model_without_a_shaft_is_refused(constant_model: Path) -> None:

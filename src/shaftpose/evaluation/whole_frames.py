@@ -11,7 +11,7 @@ from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.dataset.coco_images import CocoImage, Point, read_pixels
 from shaftpose.figures.drawing import SUBPIXEL_BITS, subpixel_grid
-from shaftpose.inference.fields import visible_field
+from shaftpose.inference.fields import Picture, VisibleField, visible_field
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import model_file
 from shaftpose.inference.predictor import Predictor
@@ -21,7 +21,7 @@ from shaftpose.metrics.image_metrics import Mask
 from shaftpose.refinement.contour import Shaft, shaft_contour
 
 LEAST_SCORE = 0.01  # of the detections that average precision sees
-LIKELY = 0.5  # from this probability on, a pixel belongs to an instrument
+_LEAST_TOOL = 0.5  # probability of a pixel of an instrument
 
 
 class FrameModel:
@@ -60,16 +60,15 @@ class FrameModel:
         )
 
     def _tools(self, rgb: Image, view: View, field: Mask) -> Mask | None:
-        """All parts of instruments (H, W) in a frame; None if the model does not say."""
-        shown = self._predictor.tools(view.picture(rgb)[None])
-        if shown is None:
-            return None
-        wide = cv2.resize(shown[0], rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        return field & (wide > LIKELY)
+        """All parts of instruments (H, W) in a frame; None if the model sees only a part of it, or
+        does not say."""
+        whole = self._predictor.takes_any_size
+        found = tool_mask(self._predictor, rgb, view) if whole else None
+        return None if found is None else field & found
 
 
 def _unsaid(warning: str) -> None:
-    """What a model warns users of is known here: cameras and shafts are unknown."""
+    """Ignore a warning: that cameras and shafts are unknown is known here."""
 
 
 def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
@@ -78,6 +77,21 @@ def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
     margin = max(camera.width, camera.height)
     wide = camera.cropped(-margin, -margin, camera.width + 2 * margin, camera.height + 2 * margin)
     return view.image_px(shaft_contour(pose.as_array(), shaft, wide).points - margin)
+
+
+def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
+    """The pixels (H, W) of any part of an instrument in a frame that a view shows whole; None if
+    the model does not say. As shafts, they are looked for where the frame is not black."""
+    picture = Picture(view.picture(rgb), None, view.camera)
+    height, width = picture.rgb.shape[:2]
+    field = visible_field(picture.rgb) or VisibleField((0, 0, width, height))
+    found = predictor.tools(picture.within(field).rgb[None])
+    if found is None:
+        return None
+    x0, y0, x1, y1 = field.box
+    whole = np.zeros((height, width), dtype=np.float32)
+    whole[y0:y1, x0:x1] = found[0]
+    return np.asarray(cv2.resize(whole, rgb.shape[1::-1]) > _LEAST_TOOL, bool)
 
 
 def convex_mask(points: Array, size: tuple[int, ...]) -> Mask:
