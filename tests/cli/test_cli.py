@@ -23,8 +23,9 @@ from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference import model_files
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.video_files import VideoFile
+from tests.core.image_files import jpeg_with_exif
 from tests.inference.test_calibration_files import PINHOLE
-from tests.inference.videos import read_greys, write_video
+from tests.inference.videos import read_greys, with_pixel_aspect, write_video
 
 Places = list[tuple[int, int]]
 
@@ -215,6 +216,43 @@ def test_a_video_is_predicted_and_drawn_frame_by_frame(model: Path, tmp_path: Pa
     drawn = read_greys(out / "clip.mp4")
     assert drawn == pytest.approx([40, 120, 200], abs=12)
     assert drawn != pytest.approx([40, 120, 200], abs=0.5)
+
+
+def test_oblong_pixels_change_no_pose(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """300 px of 4 : 3 are as wide as 400 square ones."""
+    video = with_pixel_aspect(write_video(tmp_path / "clip.mp4", [90], 300, 300), 4, 3)
+    main(["predict", str(video), "--model", str(model)])
+    (found,) = json.loads(capsys.readouterr().out)["instruments"]
+    for name in ("score", "x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg"):
+        assert found[name] == FIRST[name]
+    assert found["tip_px"] == pytest.approx([206.9 * 3 / 4, 136.3], abs=0.06)
+
+
+def test_a_photo_is_upright_whatever_its_name_says(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, pixels = tmp_path / "photos", np.full((400, 300, 3), 90, dtype=np.uint8)
+    folder.mkdir()
+    for name in ("f10.jfif", "f9.jpg", "._f9.jpg", "f9.jpg.part"):
+        (folder / name).write_bytes(jpeg_with_exif(pixels, 6))
+    arguments = ["--model", str(model)]
+    main(["predict", str(folder), str(folder / "f10.jfif"), *arguments])
+    found = results(capsys.readouterr().out)
+    names = [str(folder / name) for name in ("f9.jpg", "f10.jfif", "f10.jfif")]
+    assert [line["image"] for line in found] == names
+    assert all(line["instruments"] == [FIRST] for line in found)
+
+
+def test_a_word_about_unused_bits_is_said_once(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        pixels = np.full((300, 400), 4000, dtype=np.uint16)
+        cv2.imwrite(str(tmp_path / f"{number}.png"), pixels)
+    main(["predict", str(tmp_path), "--model", str(model), "--view-deg", "95"])
+    assert capsys.readouterr().err.count("uses 12 of its 16 bits") == 1
 
 
 @pytest.mark.parametrize(("name", "suffix"), [("csv", "csv"), ("bop", "csv")])

@@ -1,5 +1,8 @@
 """Decoding, encoding and cropping of images."""
 
+import os
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -93,7 +96,42 @@ def test_a_file_that_may_not_be_read_is_named(
 
     # root can read any file, so its mode has no effect.
     monkeypatch.setattr(Path, "read_bytes", refuse)
-    assert "Permission denied" in complaint(tmp_path / "secret.jpg")
+    secret = tmp_path / "secret.jpg"
+    secret.touch()
+    assert "Permission denied" in complaint(secret)
+
+
+def test_what_never_ends_is_not_read(tmp_path: Path) -> None:
+    pipe, device, large = tmp_path / "pipe.png", tmp_path / "zero.png", tmp_path / "large.png"
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/zero")
+    with large.open("wb") as file:
+        file.truncate(2**30 + 1)
+    assert "a pipe or a device" in complaint(pipe)
+    assert "a pipe or a device" in complaint(device)
+    assert "larger than 1,073,741,824 bytes" in complaint(large)
+
+
+READ = """
+import sys
+from pathlib import Path
+from shaftpose.core.images import read_rgb
+from shaftpose.core.errors import InputError
+try:
+    read_rgb(Path(sys.argv[1]))
+except InputError as error:
+    print(error)
+"""
+
+
+def test_a_bomb_is_refused_by_the_size_that_it_states(tmp_path: Path) -> None:
+    """A picture of one colour, 11,000 x 10,000 px, compresses to some kB."""
+    path = tmp_path / "bomb.png"
+    cv2.imwrite(str(path), np.zeros((11_000, 10_000), dtype=np.uint8))
+    done = subprocess.run(
+        [sys.executable, "-c", READ, str(path)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith(f"{path}: states a size beyond 100000000 pixels; scale it down")
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".bmp", ".tif"])

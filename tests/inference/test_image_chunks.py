@@ -93,7 +93,7 @@ def test_an_image_that_fails_is_named_and_the_rest_goes_on(
     assert "holds no image" in errors["empty"]
     assert errors["film.mp4"].startswith("film.mp4: neither an image nor a folder of images")
     with pytest.raises(InputError, match=r"07\.png: not a readable image"):
-        next(found[7].frames())
+        next(found[7].frames(pytest.fail))
 
 
 def test_an_image_that_no_process_survives_costs_none_but_itself(

@@ -6,13 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.images import write_jpeg
 from shaftpose.inference.frames import Frame, ImageFile
 from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.prediction_run import for_each_frame, sources
 from shaftpose.inference.result_stream import UnwritableError
 from shaftpose.inference.video_files import VideoFile
+
+
+def fail(message: str) -> None:
+    raise AssertionError(message)
+
 
 RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 
@@ -25,7 +30,7 @@ class Clip:
     def __init__(self, name: str, breaks: bool = False) -> None:
         self.name, self.breaks = name, breaks
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self, warn: Warn) -> Iterator[Frame]:
         yield Frame(self.name, 0, RGB)
         yield Frame(self.name, 1, RGB)
         if self.breaks:
@@ -42,7 +47,7 @@ def test_a_source_that_breaks_does_not_stop_the_others() -> None:
         done.append((frame.source, frame.number))
 
     clips = [Clip("a", breaks=True), Clip("b"), Clip("c")]
-    assert for_each_frame(clips, work, reports.append) == 2
+    assert for_each_frame(clips, work, reports.append, fail) == 2
     assert done == [("a", 0), ("a", 1), ("c", 0), ("c", 1)]
     assert reports == ["a: ends early", "b: of another size"]
 
@@ -53,7 +58,7 @@ def test_results_that_cannot_be_kept_end_it() -> None:
 
     reports: list[str] = []
     with pytest.raises(UnwritableError, match="^disk: full$"):
-        for_each_frame([Clip("a")], work, reports.append)
+        for_each_frame([Clip("a")], work, reports.append, fail)
     assert reports == []
 
 
@@ -87,7 +92,7 @@ def test_a_dash_stands_for_lines_which_are_read_in_their_turn() -> None:
 
 def test_a_folder_without_images_says_so_in_its_turn(tmp_path: Path) -> None:
     (folder,) = sources([str(tmp_path)], [])
-    with pytest.raises(InputError, match=f"^{tmp_path}: holds no image; images end in .bmp, "):
+    with pytest.raises(InputError, match=f"^{tmp_path}: holds no image; name a folder of"):
         list(folder.frames())
 
 

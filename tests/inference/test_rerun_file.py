@@ -23,7 +23,7 @@ SHAFT = FoundShaft(
 )
 
 
-def matrix(rgb: Any) -> Any:
+def matrix(rgb: Any, aspect: float) -> Any:
     height, width = rgb.shape[:2]
     return Camera.from_field_of_view(width, height, 90.0).matrix
 

@@ -25,7 +25,7 @@ def shaft(x_mm: float, yaw_deg: float = 0.0) -> FoundShaft:
 
 
 def tracker() -> ShaftTracker:
-    return ShaftTracker(lambda pose, rgb: DRAWN, 3.0)
+    return ShaftTracker(lambda pose, rgb, aspect: DRAWN, 3.0)
 
 
 def test_shafts_that_pass_each_other_keep_their_numbers() -> None:
@@ -71,7 +71,7 @@ def test_shafts_of_slow_frames_are_followed() -> None:
 def test_a_smoothed_pose_is_drawn_where_it_is() -> None:
     drawn: list[ShaftPose] = []
 
-    def axis_px(pose: ShaftPose, rgb: Image) -> Array:
+    def axis_px(pose: ShaftPose, rgb: Image, aspect: float) -> Array:
         drawn.append(pose)
         return DRAWN
 
@@ -87,7 +87,7 @@ def test_a_smoothed_pose_is_drawn_where_it_is() -> None:
 def test_distances_grow_with_the_diameter() -> None:
     """A jump of 20 mm is too far for shafts of 3 mm, but not for shafts of 10 mm."""
     for diameter_mm, number in ((3.0, 2), (10.0, 1)):
-        follow = ShaftTracker(lambda pose, rgb: DRAWN, diameter_mm)
+        follow = ShaftTracker(lambda pose, rgb, aspect: DRAWN, diameter_mm)
         follow(frame(0), [replace(shaft(0), deviations=None)])
         (found,) = follow(frame(1), [replace(shaft(20), deviations=None)])
         assert found.track == number

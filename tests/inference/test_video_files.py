@@ -1,13 +1,20 @@
 """Videos as sources of frames."""
 
+import struct
 from pathlib import Path
 from unittest.mock import Mock
 
+import cv2
+import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.inference.video_files import VideoFile, frame_rate
-from tests.inference.videos import write_video
+from tests.inference.videos import TRACK, edit_box, with_pixel_aspect, write_video
+
+
+def fail(message: str) -> None:
+    raise AssertionError(message)
 
 
 def test_all_frames_come_in_their_order(tmp_path: Path) -> None:
@@ -55,3 +62,91 @@ def test_a_name_at_which_opencv_crashes_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a video's name must be UTF-8; rename it$"):
         list(VideoFile(path).frames())
     assert VideoFile(path).length is None
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 45), (8, 9), (1, 1)])
+def test_the_shape_of_pixels_is_told(width: int, height: int, tmp_path: Path) -> None:
+    video = with_pixel_aspect(write_video(tmp_path / "clip.mp4", [40]), width, height)
+    (frame,) = VideoFile(video).frames(fail)
+    assert frame.aspect == pytest.approx(width / height)
+    assert frame.rgb.shape == (48, 64, 3)
+
+
+def test_pixels_turn_with_their_frame(tmp_path: Path) -> None:
+    """The track's header holds a matrix of 16.16 numbers that turns frames by 90 deg."""
+    video = with_pixel_aspect(write_video(tmp_path / "clip.mp4", [40]), 4, 3)
+    turn = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, 48 << 16, 0, 1 << 30)
+    edit_box(video, (*TRACK, b"tkhd"), lambda header: header[:40] + turn + header[76:])
+    (frame,) = VideoFile(video).frames(fail)
+    assert frame.rgb.shape == (64, 48, 3)
+    assert frame.aspect == pytest.approx(3 / 4)
+
+
+def test_pixels_of_a_meaningless_shape_are_named(tmp_path: Path) -> None:
+    video = with_pixel_aspect(write_video(tmp_path / "clip.mp4", [40]), 500, 1)
+    with pytest.raises(InputError, match=f"^{video}: states pixels of 500 : 1"):
+        list(VideoFile(video).frames(fail))
+
+
+def test_giant_frames_are_refused_by_the_size_that_they_state(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", "3000")
+    video = write_video(tmp_path / "clip.avi", [40])
+    with pytest.raises(InputError, match=f"^{video}: has frames of 64 x 48 px; scale it down"):
+        list(VideoFile(video).frames(fail))
+
+
+def test_a_video_of_black_frames_alone_is_named(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "clip.avi", [0, 0, 0])
+    with pytest.raises(InputError, match=f"^{video}: all its frames are black; if it is interl"):
+        list(VideoFile(video).frames(fail))
+    assert len(list(VideoFile(write_video(tmp_path / "fade.avi", [0, 0, 9])).frames(fail))) == 3
+
+
+def test_a_still_picture_is_a_video(tmp_path: Path) -> None:
+    assert len(list(VideoFile(write_video(tmp_path / "still.avi", [90] * 4)).frames(fail))) == 4
+
+
+class Unwritten:
+    """A capture that, from some frame on, returns what its memory holds, as OpenCV does of
+    interlaced video."""
+
+    first = 0
+
+    def __init__(self, name: str) -> None:
+        self._memory = np.random.default_rng(id(self)).integers(0, 255, (48, 64, 3), np.uint8)
+        self._count = 0
+
+    def set(self, name: int, value: float) -> bool:
+        return True
+
+    def isOpened(self) -> bool:  # noqa: N802
+        return True
+
+    def get(self, name: int) -> float:
+        return {cv2.CAP_PROP_FRAME_COUNT: 4.0, cv2.CAP_PROP_FPS: 25.0}.get(name, 0.0)
+
+    def grab(self) -> bool:
+        self._count += 1
+        return self._count <= 4
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        if self._count <= self.first:
+            self._memory = np.full((48, 64, 3), 20 * self._count, np.uint8)
+        return True, self._memory.copy()
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        return self.retrieve() if self.grab() else (False, None)
+
+
+@pytest.mark.parametrize("first", [0, 2])
+def test_frames_that_opencv_does_not_write_are_named(
+    first: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = write_video(tmp_path / "clip.avi", [40])
+    monkeypatch.setattr(Unwritten, "first", first)
+    monkeypatch.setattr(cv2, "VideoCapture", Unwritten)
+    read = []
+    with pytest.raises(InputError, match=f"^{video}: frame {first} cannot be decoded; if it is in"):
+        read.extend(frame.number for frame in VideoFile(video).frames(fail))

@@ -14,6 +14,8 @@ from shaftpose.inference.views import (
     central_square,
     known_camera,
     parts_of,
+    square_pixels,
+    stored_pixels,
     unknown_camera,
     whole_frame,
 )
@@ -196,9 +198,33 @@ def test_frames_that_are_too_small_or_too_long_are_named(
         whole_frame(width, height, MODEL)
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "aspect", "square"),
+    [(720, 576, 64 / 45, (1024, 576)), (720, 480, 8 / 9, (720, 540))],
+)
+def test_oblong_pixels_are_stretched_to_square_ones(
+    width: int, height: int, aspect: float, square: tuple[int, int]
+) -> None:
+    views = unknown_camera(MODEL, True, fail)
+    view, twin = square_pixels(views)(width, height, aspect), views(*square)
+    assert view.camera == twin.camera
+    corners = np.array([[0.0, 0.0], [view.camera.width, view.camera.height], [100.0, 200.0]])
+    stretch = np.array(square) / [width, height]
+    np.testing.assert_allclose(view.image_px(corners) * stretch, twin.image_px(corners))
+    assert view.image_px(corners)[1] == pytest.approx([width, height], abs=1)
+    frame = np.zeros((height, width, 3), np.uint8)
+    frame[:, : width // 4] = 200
+    assert (view.picture(frame)[..., 0] > 100).mean() == pytest.approx(1 / 4, abs=0.005)
+
+
+def test_a_calibration_knows_the_shape_of_its_pixels() -> None:
+    views = known_camera(stated_view(95.0), MODEL, True, fail)
+    assert stored_pixels(views)(720, 576, 64 / 45) is views(720, 576)
+
+
 def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
-    views = parts_of(unknown_camera(MODEL, True, fail), (100, 50, 400, 300))
-    view = views(640, 480)
+    views = parts_of(square_pixels(unknown_camera(MODEL, True, fail)), (100, 50, 400, 300))
+    view = views(640, 480, 1.0)
     assert view.image_px(np.array([[0.0, 0], [399, 299]])) == pytest.approx(
         np.array([[100, 50], [500, 350]]), abs=1
     )
@@ -206,13 +232,14 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
     frame[50:350, 100:500] = 7
     assert view.picture(frame).min() == 7
     with pytest.raises(InputError, match="320 x 240 px, which do not hold --crop 100,50,400,300"):
-        views(320, 240)
+        views(320, 240, 1.0)
 
 
 def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
-    views = parts_of(known_camera(stated_view(95.0), MODEL, True, fail), (0, 0, 400, 60))
+    seen = known_camera(stated_view(95.0), MODEL, True, fail)
+    views = parts_of(square_pixels(seen), (0, 0, 400, 60))
     with pytest.raises(InputError, match="--crop 0,0,400,60: has 400 x 60 px"):
-        views(640, 480)
+        views(640, 480, 1.0)
 
 
 def test_the_shorter_side_is_scaled_to_the_training_images_whatever_the_camera() -> None:

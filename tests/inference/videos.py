@@ -1,15 +1,19 @@
 """Videos for tests."""
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+# What precedes the boxes inside of a box of MP4.
+_BEFORE = {b"stsd": 8, b"mp4v": 78}
+
 
 def write_video(path: Path, greys: Sequence[int], width: int = 64, height: int = 48) -> Path:
-    """Frames of one grey each, 10 a second, each compressed on its own."""
-    code = cv2.VideoWriter.fourcc(*"MJPG")
+    """Frames of one grey each, 10 a second; in an AVI file, each is compressed on its own."""
+    code = cv2.VideoWriter.fourcc(*("mp4v" if path.suffix == ".mp4" else "MJPG"))
     writer = cv2.VideoWriter(str(path), code, 10, (width, height))
     assert writer.isOpened()
     for grey in greys:
@@ -24,3 +28,38 @@ def read_greys(path: Path) -> list[float]:
     while (frame := capture.read()[1]) is not None:
         greys.append(float(frame.mean()))
     return greys
+
+
+def edit_box(path: Path, names: Sequence[bytes], change: Callable[[bytes], bytes]) -> Path:
+    """Change the content of the box that these names lead to in an MP4 file of OpenCV, which has
+    its boxes at the end, so that no frame moves."""
+    path.write_bytes(_edited(path.read_bytes(), 0, names, change))
+    return path
+
+
+def _edited(
+    data: bytes, place: int, names: Sequence[bytes], change: Callable[[bytes], bytes]
+) -> bytes:
+    if not names:
+        return change(data)
+    while data[place + 4 : place + 8] != names[0]:
+        place += int.from_bytes(data[place : place + 4], "big")
+        assert place < len(data), f"no box {names[0]!r}"
+    end = place + int.from_bytes(data[place : place + 4], "big")
+    content = _edited(data[place + 8 : end], _BEFORE.get(names[0], 0), names[1:], change)
+    return data[:place] + box(names[0], content) + data[end:]
+
+
+def box(name: bytes, content: bytes) -> bytes:
+    """A box of MP4."""
+    return struct.pack(">I", len(content) + 8) + name + content
+
+
+TRACK = (b"moov", b"trak")
+TABLES = (*TRACK, b"mdia", b"minf", b"stbl")
+
+
+def with_pixel_aspect(path: Path, width: int, height: int) -> Path:
+    """State the shape of an MP4 file's pixels."""
+    stated = box(b"pasp", struct.pack(">2I", width, height))
+    return edit_box(path, (*TABLES, b"stsd", b"mp4v"), lambda content: content + stated)

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from io import TextIOWrapper
 from pathlib import Path
 from typing import NoReturn
@@ -41,7 +41,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _predict_alone(options: argparse.Namespace) -> int:
     """Predict all sources in this process. Returns the number of sources that failed."""
-    finder = _finder_options(options).finder(warn)
+    warn_once = cache(warn)
+    finder = _finder_options(options).finder(warn_once)
     named = named_sources(options.sources)
     tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style, drawings = format_of_run(options.format), options.out if options.draw else None
@@ -52,11 +53,11 @@ def _predict_alone(options: argparse.Namespace) -> int:
     ):
 
         def predict(frame: Frame) -> None:
-            shafts = finder(frame.rgb, frame.source)
+            shafts = finder(frame.rgb, frame.source, frame.aspect)
             write(frame, shafts if tracker is None else tracker(frame, shafts))
             bar.update()
 
-        return for_each_frame(named, predict, report)
+        return for_each_frame(named, predict, report, warn_once)
 
 
 def _predict_on_workers(options: argparse.Namespace) -> int:
@@ -92,7 +93,7 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
                 bar.update()
 
             images = predicted_images(named, chosen, partial(in_order, client), warn)
-            return for_each_frame(images, write, report)
+            return for_each_frame(images, write, report, warn)
 
 
 def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Write]:

@@ -1,8 +1,10 @@
 """The exception for errors that the user can fix, and how it ends a command."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+Warn = Callable[[str], None]  # tells the user of something that is no error
 
 
 class InputError(ValueError):

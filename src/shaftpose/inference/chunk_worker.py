@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import onnxruntime
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import EmptyFolder, Frame, ImageFile, Source
 from shaftpose.inference.loading import FinderOptions
@@ -68,7 +68,7 @@ class PredictedImage:
     number: int = 0
     fps: None = None
 
-    def frames(self) -> Iterator["PredictedImage"]:
+    def frames(self, warn: Warn) -> Iterator["PredictedImage"]:
         """Itself. Raises InputError if it failed."""
         if self.error:
             raise InputError(self.error)
@@ -100,7 +100,9 @@ def predict_chunk(chunk: Chunk) -> Prediction:
         )
     with _LOADING:
         finder, warnings = _finder(chunk.run)
-    images = tuple(_predicted(source, chunk.run.folder, finder) for source in chunk.sources)
+    images = tuple(
+        _predicted(source, chunk.run.folder, finder, warnings.add) for source in chunk.sources
+    )
     return Prediction(images, tuple(sorted(warnings.copy())))
 
 
@@ -127,7 +129,7 @@ def _check_model(run: ChunkedRun) -> None:
             )
 
 
-def _predicted(source: Source, folder: Path, finder: ShaftFinder) -> PredictedImage:
+def _predicted(source: Source, folder: Path, finder: ShaftFinder, warn: Warn) -> PredictedImage:
     if not isinstance(source, ImageFile | EmptyFolder):
         return PredictedImage(
             source.name,
@@ -141,7 +143,7 @@ def _predicted(source: Source, folder: Path, finder: ShaftFinder) -> PredictedIm
     def predict(frame: Frame) -> None:
         found.extend(finder(frame.rgb, source.name))
 
-    for_each_frame([image], predict, errors.append)
+    for_each_frame([image], predict, errors.append, warn)
     return PredictedImage(source.name, tuple(found), "".join(errors))
 
 

@@ -1,5 +1,7 @@
 """Frames, their sources, and image files as the simplest source."""
 
+import logging
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +10,13 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
+from shaftpose.core.image_formats import HEAD_BYTES, has_image_head
 from shaftpose.core.images import Image, read_rgb
 
+# Files that are named like this are images even if their content is damaged.
 _SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -20,13 +25,14 @@ class Frame:
 
     source: the name that the user gave: an image file, a video file, a camera or a URL. number:
     position in a video or stream, from 0; 0 for an image file. rgb: (H, W, 3) uint8. fps: frames
-    per second of the video or stream; None for an image file.
+    per second of the video or stream; None for an image file. aspect: of a pixel, width / height.
     """
 
     source: str
     number: int
     rgb: Image
     fps: float | None = None
+    aspect: float = 1.0
 
 
 def from_bgr(bgr: Any) -> Image:
@@ -61,7 +67,7 @@ class Source(Protocol):
     def length(self) -> int | None:
         """The number of frames; None if unknown."""
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self, warn: Warn) -> Iterator[Frame]:
         """The frames in order. Raises InputError naming the source if it cannot be read."""
 
 
@@ -77,14 +83,25 @@ class ImageFile:
         """The path."""
         return str(self.path)
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
         """The image. Raises InputError naming the file if it is missing or is not an image."""
-        yield Frame(self.name, 0, read_rgb(self.path))
+        yield Frame(self.name, 0, read_rgb(self.path, warn))
 
 
 def is_image(path: Path) -> bool:
-    """Whether the suffix of a file is that of an image."""
-    return path.suffix.lower() in _SUFFIXES
+    """Whether a file is an image by its content or, if that is unknown, by its name."""
+    return has_image_head(_head(path)) or path.suffix.lower() in _SUFFIXES
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file; of a pipe, a device or an unreadable file none."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except (OSError, ValueError):  # a name that holds a NUL is a ValueError
+        return b""
 
 
 @dataclass(frozen=True)
@@ -100,17 +117,27 @@ class EmptyFolder:
         """The path."""
         return str(self.path)
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
         """Raises InputError naming the folder."""
-        raise InputError(
-            f"{self.path}: {self.reason}; images end in {', '.join(sorted(_SUFFIXES))}"
-        )
+        raise InputError(f"{self.path}: {self.reason}; name a folder of images")
 
 
 def images_of(folder: Path) -> Sequence[ImageFile | EmptyFolder]:
-    """The images in a folder, sorted by name; subfolders are ignored."""
+    """The images in a folder, sorted by name, numbers in names by value. Subfolders, hidden files
+    and unfinished copies (`.part`) are ignored."""
     try:
-        files = sorted(path for path in folder.iterdir() if is_image(path))
+        files = [path for path in folder.iterdir() if _is_named(path.name) and is_image(path)]
     except OSError as error:
         return [EmptyFolder(folder, f"cannot be read ({error.strerror})")]
+    files.sort(key=_numbers_by_value)
     return [ImageFile(path) for path in files] or [EmptyFolder(folder, "holds no image")]
+
+
+def _is_named(name: str) -> bool:
+    return not name.startswith(".") and not name.endswith(".part")
+
+
+def _numbers_by_value(path: Path) -> tuple[list[str | int], str]:
+    """A key that sorts f2 before f10. Texts and numbers take turns in the list."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if n % 2 else part for n, part in enumerate(parts)], path.name

@@ -5,6 +5,7 @@ from itertools import islice
 from pathlib import Path
 from uuid import uuid4
 
+from shaftpose.core.errors import Warn
 from shaftpose.inference.chunk_worker import (
     Chunk,
     ChunkedRun,
@@ -16,7 +17,6 @@ from shaftpose.inference.chunk_worker import (
 from shaftpose.inference.frames import Source
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import checksum, model_file
-from shaftpose.inference.views import Warn
 
 _IMAGES = 16  # of a chunk: a second of work, milliseconds of overhead
 

@@ -1,5 +1,6 @@
 """Cameras and streams as sources of frames. A slow prediction skips frames."""
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Condition, Thread
@@ -7,10 +8,11 @@ from typing import Any, Protocol
 
 import cv2
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.frames import Frame, from_bgr
 from shaftpose.inference.video_files import frame_rate, opencv_takes
 
+_log = logging.getLogger(__name__)
 _PATIENCE_S = 2.0  # for a blocking read when the stream is closed
 
 
@@ -85,7 +87,7 @@ class LiveStream:
     address: int | str
     length: None = None
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
         """Frames until the stream ends.
 
         Raises InputError naming the source if it gives no frame, or if it is a camera and ends: its

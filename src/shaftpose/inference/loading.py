@@ -9,7 +9,7 @@ from typing import get_args
 
 import numpy as np
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.calibration_files import read_camera, stated_view
 from shaftpose.inference.model_files import DEFAULT, model_file
 from shaftpose.inference.predictor import Predictor
@@ -17,9 +17,10 @@ from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.views import (
     Crop,
     Views,
-    Warn,
     known_camera,
     parts_of,
+    square_pixels,
+    stored_pixels,
     unknown_camera,
 )
 from shaftpose.settings.choices import Backend, Refinement
@@ -124,10 +125,11 @@ def _views(
     """Views of the frames of the user's camera."""
     any_size = predictor.takes_any_size
     if calibration is not None:
-        return known_camera(read_camera(calibration, warn), predictor.camera, any_size, warn)
+        camera = read_camera(calibration, warn)
+        return stored_pixels(known_camera(camera, predictor.camera, any_size, warn))
     if view_deg is not None:
-        return known_camera(stated_view(view_deg), predictor.camera, any_size, warn)
-    return unknown_camera(predictor.camera, any_size, warn)
+        return square_pixels(known_camera(stated_view(view_deg), predictor.camera, any_size, warn))
+    return square_pixels(unknown_camera(predictor.camera, any_size, warn))
 
 
 @dataclass(frozen=True)

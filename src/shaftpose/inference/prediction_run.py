@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.annotated_files import annotated_files
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
@@ -48,12 +48,15 @@ def _named(name: str) -> Iterable[Source]:
 class FramesOf(Protocol[F_co]):
     """The part of a `Source` that the loop needs, for frames of any type."""
 
-    def frames(self) -> Iterator[F_co]:
+    def frames(self, warn: Warn) -> Iterator[F_co]:
         """The frames in order. Raises InputError naming the source if it cannot be read."""
 
 
 def for_each_frame(
-    sources: Iterable[FramesOf[F]], work: Callable[[F], None], report: Callable[[str], None]
+    sources: Iterable[FramesOf[F]],
+    work: Callable[[F], None],
+    report: Callable[[str], None],
+    warn: Warn,
 ) -> int:
     """Do the work for all frames of all sources. Returns the number of sources that failed.
 
@@ -63,7 +66,7 @@ def for_each_frame(
     failed = 0
     for source in sources:
         try:
-            for frame in source.frames():
+            for frame in source.frames(warn):
                 _do(work, frame)
         except UnwritableError:
             raise

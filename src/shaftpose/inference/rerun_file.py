@@ -22,8 +22,8 @@ _BOXES, _SHAFTS, _SOURCE = "camera/image/boxes", "shafts", "source"
 _JPEG_QUALITY = 90
 _END = bytes(16)  # of a complete file; Rerun only logs failures to write
 
-# The intrinsic matrix (3, 3) of a frame (H, W, 3).
-CameraMatrix = Callable[[Image], Array]
+# The intrinsic matrix (3, 3) of a frame (H, W, 3) of this pixel aspect.
+CameraMatrix = Callable[[Image, float], Array]
 
 
 class RerunFile:
@@ -51,8 +51,9 @@ class RerunFile:
         self._recording.set_time(_TIMELINE, sequence=self._count)
         self._count += 1
         self._log(_SOURCE, rerun.TextLog(f"{frame.source}, frame {frame.number}"))
+        matrix = self._camera_matrix(frame.rgb, frame.aspect)
         self._log(_CAMERA, rerun.Pinhole(
-            image_from_camera=self._camera_matrix(frame.rgb), resolution=[width, height],
+            image_from_camera=matrix, resolution=[width, height],
             camera_xyz=rerun.ViewCoordinates.RDF,
         ))  # fmt: skip
         self._log(_IMAGE, rerun.Image(frame.rgb).compress(_JPEG_QUALITY))

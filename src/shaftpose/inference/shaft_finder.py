@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Detections
 from shaftpose.inference.fields import LEAST_LEVEL, Picture, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, Views, Warn
+from shaftpose.inference.views import View, Views
 from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
@@ -41,18 +41,21 @@ class ShaftFinder:
         self._metric, self._warn = metric, warn
         self.diameter_mm = diameter_mm or predictor.metadata.shaft_diameter_mm  # None: a CAD file's
 
-    def __call__(self, rgb: Image, source: str = "a frame") -> list[FoundShaft]:
+    def __call__(
+        self, rgb: Image, source: str = "a frame", aspect: float = 1.0
+    ) -> list[FoundShaft]:
         """The shafts in a frame (H, W, 3) uint8 RGB, best score first.
 
-        source: its name in warnings. Raises InputError if the frame does not fit the user's camera,
-        or is too large.
+        source: its name in warnings. aspect: width / height of its pixels, which a calibrated
+        camera knows by itself. Raises InputError if the frame does not fit the user's camera, or is
+        too large.
         """
         height, width = rgb.shape[:2]
         if max(height, width) > _LONGEST_PX:
             raise InputError(
                 f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
             )
-        view = self._views(width, height)
+        view = self._views(width, height, aspect)
         fine = view.fine_picture(rgb) if self._predictor.fits_edges else None
         picture, corner = Picture(view.picture(rgb), fine, view.camera), np.zeros(2)
         field = visible_field(picture.rgb)
@@ -81,16 +84,16 @@ class ShaftFinder:
         deviations = [scale * own if np.isfinite(own).all() else None for own in found.deviations]
         return deviations, found.tips.tolist()
 
-    def axis_px(self, pose: ShaftPose, rgb: Image) -> Array:
+    def axis_px(self, pose: ShaftPose, rgb: Image, aspect: float = 1.0) -> Array:
         """Project a pose's tip and axis into a frame (H, W, 3): (2, 2) px, see `FoundShaft`."""
         height, width = rgb.shape[:2]
-        return axis_px(pose, self._views(width, height))
+        return axis_px(pose, self._views(width, height, aspect))
 
-    def camera_matrix(self, rgb: Image) -> Array:
+    def camera_matrix(self, rgb: Image, aspect: float = 1.0) -> Array:
         """The intrinsic matrix (3, 3) of a frame (H, W, 3), without its lens distortion; from the
         model's camera if the frame's is unknown."""
         height, width = rgb.shape[:2]
-        view = self._views(width, height)
+        view = self._views(width, height, aspect)
         model = view.camera
         near = np.array([model.cx, model.cy]) + _STEP_PX * np.array([[0, 0], [1, 0], [0, 1]])
         centre, right, below = view.image_px(near)

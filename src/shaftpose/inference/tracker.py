@@ -19,8 +19,8 @@ _LONGEST_GAP_S = 0.5  # without a detection, before a track ends
 _UNFITTED = np.array([0.3, 0.3, 0.6, 8.0, 6.0])
 _USUAL_MM = 3.0  # assumed if the diameter is unknown
 
-# Projects a pose's tip and axis into a frame, (2, 2) px.
-AxisPx = Callable[[ShaftPose, Image], Array]
+# Projects a pose's tip and axis into a frame of this pixel aspect, (2, 2) px.
+AxisPx = Callable[[ShaftPose, Image, float], Array]
 
 
 class ShaftTracker:
@@ -53,8 +53,7 @@ class ShaftTracker:
         )  # fmt: skip
         tracks = [self._followed(known.get(row), one, time_s) for row, one in enumerate(seen)]
         return [
-            self._smoothed(shaft, track, frame.rgb)
-            for shaft, track in zip(shafts, tracks, strict=True)
+            self._smoothed(shaft, track, frame) for shaft, track in zip(shafts, tracks, strict=True)
         ]
 
     def _followed(self, known: int | None, seen: Measurement, time_s: float) -> Track:
@@ -65,12 +64,12 @@ class ShaftTracker:
         self._tracks.append(Track(self._count, seen, time_s))
         return self._tracks[-1]
 
-    def _smoothed(self, shaft: FoundShaft, track: Track, rgb: Image) -> FoundShaft:
+    def _smoothed(self, shaft: FoundShaft, track: Track, frame: Frame) -> FoundShaft:
         pose = track.pose()
         return replace(
             shaft,
             pose=pose,
-            axis_px=self._axis_px(pose, rgb),
+            axis_px=self._axis_px(pose, frame.rgb, frame.aspect),
             track=track.number,
         )
 

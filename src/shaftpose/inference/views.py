@@ -10,7 +10,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.geometry import Array, Camera
 from shaftpose.core.images import Image, resized
 from shaftpose.inference.calibration import Calibration
@@ -49,9 +49,10 @@ class View(Protocol):
         """Pixels (N, 2) of the frame from pixels (N, 2) of the model's image."""
 
 
-# The view of frames of a width and height.
-Views = Callable[[int, int], View]
-Warn = Callable[[str], None]
+# The view of frames of a width and height, in square pixels.
+SquareViews = Callable[[int, int], View]
+# The same for pixels of any aspect, width / height.
+Views = Callable[[int, int, float], View]
 # A part of a frame: `x, y, width, height` in px.
 Crop = tuple[int, int, int, int]
 
@@ -171,19 +172,58 @@ class Part:
         return rgb[y : y + height, x : x + width]
 
 
+class Stretched:
+    """A view of frames of oblong pixels, which are stretched to square ones.
+
+    stretch: (2,) px of the stretched frame per px of the frame; `x, y`.
+    """
+
+    def __init__(self, view: View, size: tuple[int, int], stretch: Array) -> None:
+        self._view, self._size, self._stretch, self.camera = view, size, stretch, view.camera
+
+    def picture(self, rgb: Image) -> Image:
+        """The model's image of the stretched frame."""
+        return self._view.picture(resized(rgb, *self._size))
+
+    def fine_picture(self, rgb: Image) -> Image | None:
+        """The same with more pixels, if the frame has them."""
+        return self._view.fine_picture(resized(rgb, *self._size))
+
+    def image_px(self, points: Array) -> Array:
+        """Pixels (N, 2) of the frame from pixels (N, 2) of the model's image."""
+        return np.asarray(self._view.image_px(points) / self._stretch)
+
+
+def square_pixels(views: SquareViews) -> Views:
+    """Views of the same frames in square pixels, however the file stores them."""
+
+    def view(width: int, height: int, aspect: float) -> View:
+        if aspect == 1:
+            return views(width, height)
+        stretched = round(width * max(aspect, 1)), round(height * max(1 / aspect, 1))
+        return Stretched(views(*stretched), stretched, np.array(stretched) / [width, height])
+
+    return view
+
+
+def stored_pixels(views: SquareViews) -> Views:
+    """Views of frames as they are stored: their camera knows the aspect of its pixels."""
+    return lambda width, height, aspect: views(width, height)
+
+
 def parts_of(views: Views, part: Crop) -> Views:
     """Views of the same part of all frames; they raise InputError if it is not in the frame."""
     x, y, width, height = part
     option = f"--crop {','.join(map(str, part))}"
 
-    def view(frame_width: int, frame_height: int) -> View:
+    def view(frame_width: int, frame_height: int, aspect: float) -> View:
         if min(x, y) < 0 or x + width > frame_width or y + height > frame_height:
             raise InputError(
                 f"has {frame_width} x {frame_height} px, which do not hold {option} "
                 "(x, y, width, height); name a part inside the frame"
             )
         try:
-            return Part(views(width, height), part)
+            return Part(views(width, height, aspect), part)
         except InputError as error:
             raise InputError(f"{option}: {error}") from error
 
@@ -229,7 +269,7 @@ def _shrunk(length: int, by: int) -> int:
     return max(round(length / by), 1)
 
 
-def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> Views:
+def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> SquareViews:
     """Views of an unknown camera's frames: whole ones for a network of any size, else their central
     squares. Of frames that are no squares, the first is warned of."""
     warn_once = cache(partial(warn, _SQUARES_ALONE))
@@ -245,7 +285,7 @@ def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> Views:
     return view
 
 
-def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> Views:
+def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> SquareViews:
     """Views of a known camera's frames: for a network of any size undistorted, the shorter side
     scaled to the training images', else resampled for the model's camera.
 
