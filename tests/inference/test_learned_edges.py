@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import edge_reader_bytes
 from shaftpose.export.parity import EDGE_TOLERANCE, edge_difference
 from shaftpose.inference.learned_edges import LearnedEdges
@@ -50,3 +51,8 @@ def test_a_file_that_computes_something_else_is_noticed(other: tuple[float, floa
 def test_another_model_is_no_edge_reader(constant_model: Path) -> None:
     with pytest.raises(ValueError, match=r"an edge reader takes \{'image'"):
         LearnedEdges(constant_model.read_bytes())
+
+
+def test_edges_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(InputError, match="the edge reader gives no finite offsets"):
+        LearnedEdges(constant_edge_reader(offset=np.nan, log_error=0.0))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_metadata
@@ -68,11 +69,66 @@ def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
         _ = Predictor(constant_model).confidence
 
 
-def test_damaged_metadata_are_named(constant_model: Path) -> None:
+@pytest.mark.parametrize(
+    ("stated", "complaint"),
+    [
+        ({"confidence": "high"}, "high"),
+        ({"confidence": "nan"}, "confidence: nan is not from 0 to 1"),
+        ({"fit_confidence": "inf"}, "fit_confidence: inf is not from 0 to 1"),
+        ({"fit_confidence": "1.5"}, "fit_confidence: 1.5 is not"),
+        ({"view_deg": "nan"}, "view_deg: nan is not from 0.1 to 179"),
+        ({"view_deg": "180"}, "view_deg: 180 is not"),
+        ({"shaft_diameter_mm": "0"}, "shaft_diameter_mm: 0 is not from"),
+        ({"shaft_diameter_mm": "1e308"}, r"shaft_diameter_mm: 1e\+308 is not"),
+        ({"shaft_length_mm": "-5"}, "shaft_length_mm: -5 is not"),
+        ({"side_px": "1000000"}, "side_px: 1000000 is not from 32 to 4096"),
+        ({"low_pitch_deg": "90", "high_pitch_deg": "50"}, "low_pitch_deg: is above"),
+        ({"distorted": "yes"}, "distorted: 'yes' is neither"),
+        ({"edge_reader": "?"}, "base64"),
+    ],
+)
+def test_damaged_metadata_are_named(
+    stated: dict[str, str], complaint: str, constant_model: Path
+) -> None:
     model = onnx.load(str(constant_model))
-    onnx.helper.set_model_props(model, {"confidence": "high"})
+    onnx.helper.set_model_props(model, stated)
     onnx.save(model, str(constant_model))
-    with pytest.raises(InputError, match=r"constant\.onnx: its metadata are damaged .*high"):
+    with pytest.raises(
+        InputError, match=rf"constant\.onnx: its metadata are damaged .*{complaint}"
+    ):
+        Predictor(constant_model)
+
+
+VALUES = {"boxes": np.zeros((1, 4)), "scores": np.zeros(1), "poses": np.zeros((1, 5))}
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"poses": np.zeros((1, 4))}, r"output poses has the shape \[1, 1, 4\]; use"),
+        ({"boxes": np.zeros((2, 4))}, r"output boxes has the shape \[1, 2, 4\]"),
+        ({"boxes": np.zeros(4)}, r"output boxes has the shape \[1, 4\]"),
+        ({"mask": np.zeros((9, 299))}, r"output mask has the shape \[1, 9, 299\]"),
+        ({name: np.repeat(value, 20_000, axis=0) for name, value in VALUES.items()}, ".*20000, 4"),
+    ],
+)
+def test_outputs_of_other_shapes_are_refused(
+    changed: dict[str, NDArray[np.float64]], complaint: str, tmp_path: Path
+) -> None:
+    path = write_constant_model(tmp_path / "m.onnx", VALUES | changed)
+    with pytest.raises(InputError, match=f"^{path}: {complaint}"):
+        Predictor(path)
+
+
+def test_images_of_other_types_and_sizes_are_refused(constant_model: Path) -> None:
+    model = onnx.load(str(constant_model))
+    model.graph.input[0].type.tensor_type.elem_type = onnx.TensorProto.FLOAT
+    onnx.save(model, str(constant_model))
+    with pytest.raises(InputError, match=r"constant\.onnx: cannot be run; .*input data type"):
+        Predictor(constant_model)
+    model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = 100_000
+    onnx.save(model, str(constant_model))
+    with pytest.raises(InputError, match=r"constant\.onnx: takes images of 100000 px a side"):
         Predictor(constant_model)
 
 

@@ -8,24 +8,24 @@ from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
+from shaftpose.inference.sessions import check_model, open_session
 from shaftpose.settings.choices import Backend
 
 _THREADS = "ORT_INTRA_OP_NUM_THREADS"
 
 
 class Network(Protocol):
-    """An opened model for images (N, H, W, 3) uint8 RGB."""
+    """An opened model for images (N, H, W, 3) uint8 RGB.
+
+    side_px: the side of its square images; None if it takes images of any height and width.
+    """
 
     outputs: list[str]
     metadata: Mapping[str, str]
-
-    @property
-    def side_px(self) -> int | None:
-        """The side of its square images; None if it takes images of any height and width."""
+    side_px: int | None
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         """Run the model; returns the values of these outputs."""
@@ -34,8 +34,8 @@ class Network(Protocol):
 def open_network(path: Path, backend: Backend) -> Network:
     """Open a model file.
 
-    Raises InputError if the backend is not installed, if the file cannot be read, or if the
-    environment variable for the number of threads is not a number.
+    Raises InputError if the backend is not installed, if the file cannot be read or may run for
+    ever, or if the environment variable for the number of threads is not a number.
     """
     threads = _most_threads()
     try:
@@ -59,18 +59,11 @@ def _most_threads() -> int:
 
 class _InOnnxruntime:
     def __init__(self, path: Path) -> None:
-        self._session = onnxruntime.InferenceSession(
-            str(path),
-            providers=["CPUExecutionProvider"],
-            enable_fallback=0,  # to other providers, which would print to standard output
-        )
+        self._session = open_session(path.read_bytes())
         self.outputs = [output.name for output in self._session.get_outputs()]
         self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
-
-    @property
-    def side_px(self) -> int | None:
         height = self._session.get_inputs()[0].shape[1]
-        return height if isinstance(height, int) else None
+        self.side_px = height if isinstance(height, int) else None
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         return list(self._session.run(outputs, {"image": images}))
@@ -91,6 +84,7 @@ class _InOpenVino:
     def __init__(self, path: Path, threads: int) -> None:
         from openvino.frontend import FrontEndManager
 
+        check_model(path.read_bytes())
         # Core.read_model would try formats other than ONNX, too.
         reader = FrontEndManager().load_by_framework("onnx")
         model: Any = reader.convert(reader.load(str(path)))
@@ -105,13 +99,10 @@ class _InOpenVino:
             "PERFORMANCE_HINT": "LATENCY",
             "INFERENCE_NUM_THREADS": threads,
         }
+        height = model.inputs[0].partial_shape[1]
+        self.side_px = int(height.get_length()) if height.is_static else None
         self._busy = Lock()  # one request at a time
         self._compiled = openvino_core().compile_model(model, "CPU", settings)
-
-    @property
-    def side_px(self) -> int | None:
-        height = self._compiled.inputs[0].partial_shape[1]
-        return int(height.get_length()) if height.is_static else None
 
     def run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
         with self._busy:

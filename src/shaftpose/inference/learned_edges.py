@@ -1,9 +1,10 @@
 """Edges of a shaft in an image, found by a model's edge reader."""
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
+from shaftpose.inference.sessions import open_session
 from shaftpose.refinement.contour import Contour
 from shaftpose.refinement.contour_sampling import COLUMNS, MIDDLE, ROWS, outline_strips
 from shaftpose.refinement.edges import Offsets
@@ -22,21 +23,22 @@ class LearnedEdges:
     """
 
     def __init__(self, network: bytes) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # strips are too small to share
-        self._session = onnxruntime.InferenceSession(
-            network, options, providers=["CPUExecutionProvider"]
-        )
+        self._session = open_session(network, threads=1)  # strips are too small to share
         takes = {each.name: each.shape[1:] for each in self._session.get_inputs()}
         gives = [each.name for each in self._session.get_outputs()]
         if takes != {STRIPS: [3, ROWS, COLUMNS]} or gives != OUTPUTS:
             raise ValueError(f"an edge reader takes {takes} and gives {gives}")
+        self.read(np.zeros((1, ROWS, COLUMNS, 3), np.float32))
 
     def read(self, colours: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """Offsets, in columns, and the logarithms of their mean errors, (P, ROWS) each, of strips
-        (P, ROWS, COLUMNS, 3) in [-1, 1]."""
+        (P, ROWS, COLUMNS, 3) in [-1, 1]. Raises InputError if they are not finite."""
         strips = np.ascontiguousarray(colours.transpose(0, 3, 1, 2))
-        return list(self._session.run(OUTPUTS, {STRIPS: strips}))
+        read = self._session.run(OUTPUTS, {STRIPS: strips})
+        for values in read:
+            if values.shape != colours.shape[:2] or not np.isfinite(values).all():
+                raise InputError("the edge reader gives no finite offsets and errors: export again")
+        return read
 
     def __call__(self, rgb: NDArray[np.float32], contour: Contour, reach_px: float) -> Offsets:
         """The edges of an image (H, W, 3) in [-1, 1] within `reach_px` of the contour."""

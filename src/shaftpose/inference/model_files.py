@@ -42,6 +42,13 @@ def checksum(model: Path) -> bytes:
     return f"{hashlib.sha256(model.read_bytes()).hexdigest()}  {model.name}\n".encode()
 
 
+# The lowest and highest values of numbers in a model's metadata.
+_RANGES = {
+    "confidence": (0.0, 1.0), "fit_confidence": (0.0, 1.0), "view_deg": (0.1, 179.0),
+    "shaft_diameter_mm": (1e-3, 1e3), "shaft_length_mm": (1e-3, 1e5),
+    "low_pitch_deg": (0.0, 180.0), "high_pitch_deg": (0.0, 180.0),
+}  # fmt: skip
+SIDES_PX = 32, 4096  # of training images
 REGISTRY = "mlflow:/"  # prefix of names in a model registry
 
 
@@ -112,15 +119,28 @@ class ModelMetadata:
     def from_text(cls, stated: Mapping[str, str]) -> "ModelMetadata":
         """Read the metadata of a file; other keys are ignored.
 
-        Raises ValueError if a value is not a number, or bytes are not in base 64.
+        Raises ValueError if a value is not a number, or not one that can be meant, or bytes are not
+        in base 64.
         """
-        numbers = (
-            "confidence", "fit_confidence", "view_deg", "shaft_diameter_mm", "shaft_length_mm",
-            "low_pitch_deg", "high_pitch_deg"
-        )  # fmt: skip
-        known = {name: float(stated[name]) for name in numbers if name in stated}
+        known = {name: _number(name, stated[name]) for name in _RANGES if name in stated}
         side_px = int(stated.get("side_px", cls.side_px))
-        tip, distorted = stated.get("shaft_tip"), stated.get("distorted") == str(True)
+        if not SIDES_PX[0] <= side_px <= SIDES_PX[1]:
+            raise ValueError(f"side_px: {side_px} is not from {SIDES_PX[0]} to {SIDES_PX[1]}")
+        if known.get("low_pitch_deg", 0.0) > known.get("high_pitch_deg", 180.0):
+            raise ValueError("low_pitch_deg: is above high_pitch_deg")
+        tip, distorted = stated.get("shaft_tip"), stated.get("distorted", "False")
+        if distorted not in ("True", "False"):
+            raise ValueError(f"distorted: {distorted!r} is neither True nor False")
         text = stated.get("edge_reader")
         reader = None if text is None else base64.b64decode(text, validate=True)
-        return cls(**known, side_px=side_px, shaft_tip=tip, distorted=distorted, edge_reader=reader)
+        return cls(
+            **known, side_px=side_px, shaft_tip=tip, distorted=distorted == "True",
+            edge_reader=reader,
+        )  # fmt: skip
+
+
+def _number(name: str, text: str) -> float:
+    value, (low, high) = float(text), _RANGES[name]
+    if not low <= value <= high:  # NaN, too
+        raise ValueError(f"{name}: {value:g} is not from {low:g} to {high:g}")
+    return value

@@ -13,12 +13,14 @@ from shaftpose.core.geometry import Camera, axis_direction, pose_along
 from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.learned_edges import LearnedEdges
-from shaftpose.inference.model_files import ModelMetadata, bundled_names
+from shaftpose.inference.model_files import SIDES_PX, ModelMetadata, bundled_names
 from shaftpose.refinement.contour import Shaft
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.settings.choices import Backend, Refinement
 
 _OUTPUTS, _MASK, _TOOL = ["boxes", "scores", "poses"], "mask", "tool"
+_MOST = 10_000  # detections in an image
+_PROBE_PX = 64  # side of an image on which a model of any size is tried
 
 
 class Predictor:
@@ -27,8 +29,8 @@ class Predictor:
     refine: what poses are fitted to, if the model predicts a mask. backend: runs the model;
     onnxruntime always runs its edge reader. refiner: None if poses are not fitted: without a mask,
     for an instrument from a CAD file, for a distorting lens, or if `refine` is `none`.
-    Raises InputError naming the file if it is missing or not such a model, or naming the backend if
-    it is not installed.
+    The model is run once on a black image. Raises InputError naming the file if it is missing or
+    not such a model, or naming the backend if it is not installed.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class Predictor:
             self.metadata = ModelMetadata.from_text(self._network.metadata)
         except ValueError as error:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
+        self._check_run()
         self.refiner = self._create_refiner(refine) if _MASK in names else None
 
     @property
@@ -98,7 +101,7 @@ class Predictor:
         output is NaN or infinite.
         """
         asked = _OUTPUTS if self.refiner is None else [*_OUTPUTS, _MASK]
-        boxes, scores, poses, *masks = self._network.run(asked, images)
+        boxes, scores, poses, *masks = self._run(asked, images)
         found = list(self._unpadded(boxes, scores, poses))
         if camera is not None:
             found = [_seen_by(camera, self.camera, each) for each in found]
@@ -114,14 +117,42 @@ class Predictor:
         """The masks (N, S, S), probabilities of a shaft, of images (N, S, S, 3) uint8 RGB, from a
         model that predicts them. Raises InputError naming the file and the image if one is not
         finite."""
-        return self._finite(*self._network.run([_MASK], images))
+        return self._finite(*self._run([_MASK], images))
+
+    def _run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:
+        """The values of outputs, whose shapes have been checked."""
+        try:
+            found = self._network.run(outputs, images)
+        except Exception as error:  # the backends' own exceptions have no common base
+            cause = " ".join(str(error).split())
+            raise InputError(f"{self._path}: cannot be run; export it again: {cause}") from error
+        shapes = dict(zip(outputs, (values.shape for values in found), strict=True))
+        count, height, width, _ = images.shape
+        places = count, *(shapes.get("scores", ())[1:2] or (0,))
+        expected = {"boxes": (*places, 4), "scores": places, "poses": (*places, 5)}
+        for name, shape in shapes.items():
+            if shape != expected.get(name, (count, height, width)) or places[1] > _MOST:
+                raise InputError(
+                    f"{self._path}: output {name} has the shape {list(shape)}; use a model of the "
+                    "export stage"
+                )
+        return found
+
+    def _check_run(self) -> None:
+        side_px = self._network.side_px or _PROBE_PX
+        if not SIDES_PX[0] <= side_px <= SIDES_PX[1]:
+            raise InputError(
+                f"{self._path}: takes images of {side_px} px a side; use a model of the export "
+                "stage"
+            )
+        self._run(self._network.outputs, np.zeros((1, side_px, side_px, 3), np.uint8))
 
     def tools(self, images: NDArray[np.uint8]) -> NDArray[np.float32] | None:
         """As `masks`, the probabilities of any part of an instrument; None if the model predicts
         none."""
         if _TOOL not in self._network.outputs:
             return None
-        return self._finite(*self._network.run([_TOOL], images))
+        return self._finite(*self._run([_TOOL], images))
 
     def _finite(self, masks: NDArray[np.float32]) -> NDArray[np.float32]:
         for number in np.flatnonzero(~np.isfinite(masks).all(axis=(1, 2))):
