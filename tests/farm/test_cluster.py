@@ -17,6 +17,7 @@ from shaftpose.farm import workers
 from shaftpose.farm.cluster import cluster_client, slurm_cluster
 from shaftpose.settings.schema import ClusterSettings, SlurmSettings
 
+_PATIENCE_S = 5.0
 SLURM = SlurmSettings(queue="long", cores=32, memory="64GB", walltime="12:00:00", jobs=4)
 
 
@@ -36,6 +37,8 @@ def test_workers_of_this_machine_have_one_thread_each_and_listen_to_it_alone() -
             if connection.status == psutil.CONN_LISTEN
         }
         assert listening == {"127.0.0.1"}
+        with pytest.raises((OSError, TypeError)):  # without this run's keys
+            Client(client.scheduler.address, timeout=_PATIENCE_S, set_as_default=False)
         assert os.getpid() not in client.run(os.getpid).values()
     assert set(psutil.Process().children(recursive=True)) <= before | resource_trackers()
 

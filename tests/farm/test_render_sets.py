@@ -495,6 +495,21 @@ def test_a_truncated_shard_in_scratch_is_rendered_again(
     assert identity(finished[0].path) == before
 
 
+def test_a_shard_with_one_flipped_bit_is_rendered_again(
+    rendered: RenderedSet,
+    undisturbed: tuple[Path, Path],
+    finished: list[Shard],
+    client: Client,
+    tmp_path: Path,
+) -> None:
+    path = finished[0].path
+    data = bytearray(path.read_bytes())
+    data[3000] ^= 1  # in the first image
+    path.write_bytes(data)
+    render(rendered, tmp_path, client)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
 def test_a_truncated_shard_in_out_is_mended_by_running_again(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],

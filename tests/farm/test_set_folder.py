@@ -14,7 +14,13 @@ import trimesh
 
 import shaftpose
 from shaftpose.core.errors import InputError
-from shaftpose.farm.set_folder import link_shards, read_set, write_set
+from shaftpose.farm.set_folder import (
+    has_recorded_checksum,
+    link_shards,
+    read_set,
+    record_checksum,
+    write_set,
+)
 from shaftpose.rendering import rendered_set
 from shaftpose.rendering.rendered_set import RenderedSet, Shard
 from shaftpose.rendering.shapes import instrument_shape
@@ -34,6 +40,17 @@ def test_shards_cover_all_images_once(rendered: RenderedSet, tmp_path: Path) -> 
         ("shard-000001.tar", 3, 3),
         ("shard-000002.tar", 6, 1),
     ]
+
+
+def test_a_changed_shard_is_noticed(tmp_path: Path) -> None:
+    shard, killed = tmp_path / "shard-000000.tar", tmp_path / "shard-000001.tar"
+    for path in (shard, killed):
+        path.write_bytes(b"images")
+    record_checksum(shard)
+    for path in (shard, killed):  # the second one has no record yet
+        assert has_recorded_checksum(path)
+        path.write_bytes(b"imagez")
+        assert not has_recorded_checksum(path)
 
 
 def test_a_set_is_read_as_it_was_written_wherever_the_reader_stands(

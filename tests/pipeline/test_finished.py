@@ -11,6 +11,7 @@ from typing import Any
 
 import mlflow
 import pytest
+import torch
 
 from pipelines import train as stage
 from shaftpose.settings.tree import Settings
@@ -90,9 +91,18 @@ def test_earlier_settings_find_their_result_again(settings: Settings, tmp_path: 
 @pytest.mark.parametrize("lost", ["model.ckpt", "curves.csv", "training.json"])
 def test_half_a_result_is_none(tmp_path: Path, lost: str) -> None:
     for name in ("model.ckpt", "curves.csv", "training.json"):
-        (tmp_path / name).touch()
+        torch.save({}, tmp_path / name)
     assert run.is_finished(tmp_path)
     (tmp_path / lost).unlink()
+    assert not run.is_finished(tmp_path)
+
+
+def test_a_damaged_result_is_none(tmp_path: Path) -> None:
+    for name in ("model.ckpt", "curves.csv", "training.json"):
+        torch.save({}, tmp_path / name)
+    data = bytearray((tmp_path / "model.ckpt").read_bytes())
+    data[data.index(b"}")] ^= 1  # an empty dictionary, pickled
+    (tmp_path / "model.ckpt").write_bytes(data)
     assert not run.is_finished(tmp_path)
 
 

@@ -311,6 +311,18 @@ def test_cut_off_checkpoint_is_named(
         load_network_weights(path, tiny_network, IDENTITY)
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.999])
+def test_one_flipped_bit_is_noticed(
+    share: float, tiny_network: SingleShotNetwork, tmp_path: Path
+) -> None:
+    path = saved(tmp_path / "flipped.ckpt", tiny_network)
+    data = bytearray(path.read_bytes())
+    data[int(share * len(data))] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="flipped.ckpt: .*damaged; delete it and train"):
+        load_network_weights(path, tiny_network, IDENTITY)
+
+
 def test_foreign_checkpoint_is_named(tiny_network: SingleShotNetwork, tmp_path: Path) -> None:
     torch.save({"weights": torch.zeros(1)}, tmp_path / "foreign.ckpt")
     with pytest.raises(InputError, match="foreign.ckpt: not a checkpoint of this project"):

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -14,7 +14,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import naming_full_disk
 from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
-from shaftpose.farm.set_folder import link_shards, write_set
+from shaftpose.farm.set_folder import has_recorded_checksum, link_shards, write_set
 from shaftpose.farm.shard_task import RunParameters, render_shard
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
 from shaftpose.settings.schema import ClusterSettings
@@ -40,7 +40,7 @@ def render_set(
     client: its workers must find `scratch` and the backgrounds under the same paths. hang_s:
     seconds without a finished image after which Blender is killed and the shard retried.
 
-    A repeated run renders only unfinished or truncated shards; the result is byte-identical to an
+    A repeated run renders only unfinished or damaged shards; the result is byte-identical to an
     uninterrupted run. Raises InputError if a shard fails (naming its log), a disk is full, or
     another run uses the same set or the same `out`.
     """
@@ -48,7 +48,9 @@ def render_set(
     with naming_full_disk(folder), alone_in(folder, scratch), alone_in(out, scratch):
         folder.mkdir(exist_ok=True)
         shards = rendered.shards(folder)
-        missing = [shard for shard in shards if not _is_finished(shard)]
+        with ThreadPoolExecutor() as threads:  # which read all bytes
+            finished = list(threads.map(_is_finished, shards))
+        missing = [shard for shard, done in zip(shards, finished, strict=True) if not done]
         logger.info("rendering %d of %d shards in %s", len(missing), len(shards), folder)
         write_set(rendered, folder)
         _render(missing, RunParameters(software(), str(folder), hang_s), client)
@@ -57,13 +59,14 @@ def render_set(
 
 
 def _is_finished(shard: Shard) -> bool:
-    """Whether a shard is complete; warns if it exists but is damaged.
+    """Whether a shard is complete; warns if it exists but is damaged, and removes it.
 
-    It shares its bytes with its hard link in `out`, which may have been truncated there.
+    It shares its bytes with its hard link in `out`, which may have been changed there.
     """
-    finished = shard.is_finished()
+    finished = shard.is_finished() and has_recorded_checksum(shard.path)
     if shard.path.exists() and not finished:
         logger.warning("%s is truncated or damaged: rendering it again", shard.path)
+        shard.path.unlink()
     return finished
 
 

@@ -4,6 +4,7 @@ Finished shards are kept in a scratch folder named after the set's fingerprint. 
 run continues when it is started again, and renders everything again if a setting has changed.
 """
 
+import hashlib
 import os
 import re
 import shutil
@@ -40,6 +41,29 @@ def _with_absolute_files(settings: RenderSettings) -> RenderSettings:
 def read_set(folder: Path) -> RenderedSet:
     """The set that `folder` describes. Raises InputError if the description is damaged."""
     return read_stage_file(folder / _SET, RenderedSet, "render the set again")
+
+
+def record_checksum(shard: Path) -> None:
+    """Write the SHA-256 of a finished shard next to it."""
+    with new_file(_record(shard)) as part:
+        part.write_text(_checksum(shard))
+
+
+def has_recorded_checksum(shard: Path) -> bool:
+    """Whether a finished shard's bytes are those of its record; one without, whose run was killed,
+    gets it."""
+    if not _record(shard).is_file():
+        record_checksum(shard)
+    return _record(shard).read_text() == _checksum(shard)
+
+
+def _record(shard: Path) -> Path:
+    return shard.with_suffix(".sha256")
+
+
+def _checksum(shard: Path) -> str:
+    with shard.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def link_shards(shards: Sequence[Shard], out: Path) -> None:

@@ -20,6 +20,7 @@ from distributed import get_worker
 
 from shaftpose.core.errors import InputError
 from shaftpose.farm.blender_process import COMPLAINT, IMAGE_DONE, WARNING
+from shaftpose.farm.set_folder import record_checksum
 from shaftpose.rendering.rendered_set import Shard, software
 
 ATTEMPTS = 3  # per shard, if Blender crashes or hangs
@@ -73,6 +74,7 @@ def render_shard(shard: Shard, run: RunParameters) -> None:
         worker.log_event(run.topic, {"shard": shard.path.name, **event})
 
     run_with_retries(_command(shard), shard, run.hang_s, is_wanted, report)
+    record_checksum(shard.path)
 
 
 def _command(shard: Shard) -> list[str]:

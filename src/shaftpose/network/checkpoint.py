@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Set
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import torch
 from torch import Tensor
@@ -77,6 +78,16 @@ def resumed_step(path: Path, identity: Identity) -> int:
     return int(_read_checkpoint_of(path, identity, parts)["global_step"])
 
 
+def is_intact(path: Path) -> bool:
+    """Whether a checkpoint's bytes are those that were written: torch stores a checksum of each of
+    its parts, but does not compare it."""
+    try:
+        with ZipFile(path) as archive:
+            return archive.testzip() is None
+    except Exception:  # of any kind: damaged sizes, names and methods are met before checksums
+        return False
+
+
 def _read_checkpoint_of(path: Path, identity: Identity, parts: Set[str]) -> dict[str, Any]:
     """Read a checkpoint of this identity that has these parts."""
     checkpoint = _read_checkpoint(path, parts)
@@ -92,6 +103,8 @@ def _read_checkpoint(path: Path, parts: Set[str]) -> dict[str, Any]:
     """Read a checkpoint that has these parts, without running code from it."""
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint; train the network first")
+    if not is_intact(path):
+        raise InputError(f"{path}: not a readable checkpoint, or damaged; {_AGAIN}")
     try:
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
     except (OSError, EOFError, RuntimeError, pickle.UnpicklingError) as error:

@@ -17,7 +17,7 @@ from lightning.pytorch.utilities import rank_zero_only
 from shaftpose.core.files import new_file, write_json
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages
-from shaftpose.network.checkpoint import resumed_step
+from shaftpose.network.checkpoint import is_intact, resumed_step
 from shaftpose.stage_files import DataRecord, TrainingRecord, read_training
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
@@ -122,8 +122,8 @@ def digests(data: DataRecord) -> dict[str, str]:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a training's folder holds its complete result."""
-    return all((folder / name).is_file() for name in RESULT)
+    """Whether a training's folder holds its complete result, undamaged."""
+    return all((folder / name).is_file() for name in RESULT) and is_intact(folder / CHECKPOINT)
 
 
 def deliver(recipe: Recipe, folder: Path, out: Path) -> None:
