@@ -514,14 +514,33 @@ def test_show_draws_real_images(tmp_path: Path) -> None:
         (tmp_path / f"{name}.json").write_text(json.dumps(listed))
     (tmp_path / "about.json").write_text("{}")
     out = tmp_path / "sheet.jpg"
-    main(["show", "dataset", str(tmp_path), "--out", str(out)])
+    main(["show", "dataset", str(tmp_path), "--out", str(out), "--columns", "20000"])
     sheet = lightness(out)
-    assert sheet.shape == (300, 5 * 300)
+    assert sheet.shape == (300, 2 * 300)
     train, test = sheet[:, :300], sheet[:, 300:600]
     assert_drawn(train, [(100, 80), (149, 80), (120, 50), (120, 149)], [(120, 100), (200, 200)])
     # Its box is the extent of its mask, whatever the file says.
     outline = [(100, 150), (199, 150), (150, 100), (150, 199)]
     assert_drawn(test, outline, [(150, 150), (50, 150), (75, 75), (20, 20)])
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--out", "sheet.png"], "--out sheet.png: name a file that ends in .jpg"),
+        (["--out", "/dev/null"], "--out /dev/null: name a file"),
+        (["--out", "device.jpg"], "--out device.jpg: name a file"),
+        (["--out", "sheet.jpg", "--count", "501"], "--count 501: draw at most 500"),
+    ],
+)
+def test_show_names_what_it_cannot_write(
+    options: list[str], complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("device.jpg")
+    with pytest.raises(SystemExit, match=f"^error: {complaint}"):
+        main(["show", "dataset", str(tmp_path), *options])
+    assert [path.name for path in tmp_path.iterdir()] == ["device.jpg"]
 
 
 def test_show_names_a_folder_without_a_dataset(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_missing_image_is_named(tmp_path: Path) -> None:
     assert f"images[1].file_name = 'images/a.jpg': no such file in {tmp_path}" in complaint(path)
 
 
-@pytest.mark.parametrize("text", ["", "{", "images: []", "\x00"])
+@pytest.mark.parametrize("text", ["", "{", "images: []", "\x00", "[" * 10_000 + "]" * 10_000])
 def test_no_json_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "test.json"
     path.write_text(text)

@@ -22,3 +22,7 @@ def test_escaped_text_is_shown_as_it_is(text: str) -> None:
 
 def test_names_stay_readable() -> None:
     assert escape("reports/d_noise (4 cores), 0.5 mm") == "reports/d_noise (4 cores), 0.5 mm"
+
+
+def test_no_tag_is_left_and_no_line_ends() -> None:
+    assert escape("D\n\n<script>alert(1)</script>") == "D &lt;script&gt;alert(1)&lt;/script&gt;"

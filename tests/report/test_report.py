@@ -93,8 +93,8 @@ def test_every_variant_appears_in_every_form(report: AblationReport):
 
 
 def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationReport):
-    cells = markdown_line(to_markdown(report), "| D \\<wide>")
-    assert cells[:5] == ["D \\<wide> \\| deep", "900", "3,000", "0.812", "0.700"]
+    cells = markdown_line(to_markdown(report), "| D &lt;wide&gt;")
+    assert cells[:5] == ["D &lt;wide&gt; \\| deep", "900", "3,000", "0.812", "0.700"]
     page = to_html(report)
     assert "<td>D &lt;wide&gt; | deep</td>" in page and "<wide>" not in page
     assert json.loads(to_json(report))["rows"][-1]["paper"] is None
@@ -201,7 +201,7 @@ def test_stand_ins_are_never_shown_as_real(report: AblationReport):
     text, page, content = to_markdown(report), to_html(report), json.loads(to_json(report))
     assert markdown_line(text, "| real / stand-in |")[2] == "0.700 / 0.610"
     assert markdown_line(text, "| stand-in |")[1:] == [
-        "D \\<wide> \\| deep", "0.630", "n/a", "0.640", "0.240",
+        "D &lt;wide&gt; \\| deep", "0.630", "n/a", "0.640", "0.240",
     ]  # fmt: skip
     assert "not evidence about real ones" in page
     assert "<td>stand-in</td>" in page and "<td>real / stand-in</td>" in page

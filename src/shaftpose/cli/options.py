@@ -103,7 +103,9 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=("dataset", "backgrounds"))
     parser.add_argument("folder", type=Path, help="of shards, real images or backgrounds")
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
-    parser.add_argument("--count", type=_positive, default=20, help="number of images (20)")
+    parser.add_argument(
+        "--count", type=_positive, default=20, help="number of images, at most 500 (20)"
+    )
     parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
 
 

@@ -16,9 +16,20 @@ from shaftpose.figures.drawing import contact_sheet, draw_real, draw_sample, eve
 if TYPE_CHECKING:
     from shaftpose.dataset.coco_images import CocoImage
 
+_MOST, _MOST_PX = 500, 600  # images, and the side of a real one
+
 
 def run(options: argparse.Namespace) -> None:
-    """Write a contact sheet of evenly spread images of a dataset or of backgrounds."""
+    """Write a contact sheet of evenly spread images of a dataset or of backgrounds.
+
+    Raises InputError if `--out` is no name for a JPEG file, or is a folder or a device, or
+    `--count` is too large.
+    """
+    out = options.out
+    if out.suffix.lower() not in (".jpg", ".jpeg") or (out.exists() and not out.is_file()):
+        raise InputError(f"--out {out}: name a file that ends in .jpg")
+    if options.count > _MOST:
+        raise InputError(f"--count {options.count}: draw at most {_MOST} images at once")
     if options.what == "backgrounds":
         library = read_library(options.folder)
         chosen = [read_rgb(background.path) for background in evenly_spaced(library, options.count)]
@@ -27,9 +38,9 @@ def run(options: argparse.Namespace) -> None:
     else:
         shards = ShardedDataset(options.folder)
         chosen = [draw_sample(shards, key) for key in evenly_spaced(shards.keys, options.count)]
-    with naming_refusal(options.out, "name another file by --out"):
-        write_jpeg(contact_sheet(chosen, options.columns), options.out, quality=85)
-    print(f"{len(chosen)} images are drawn in {options.out}")
+    with naming_refusal(out, "name another file by --out"):
+        write_jpeg(contact_sheet(chosen, min(options.columns, len(chosen))), out, quality=85)
+    print(f"{len(chosen)} images are drawn in {out}")
 
 
 def real_images(folder: Path) -> list["CocoImage"]:
@@ -43,10 +54,11 @@ def real_images(folder: Path) -> list["CocoImage"]:
 
 
 def draw_squares(images: Sequence["CocoImage"]) -> list[Image]:
-    """Central squares, all of the smallest one's size, with boxes and, where known, masks."""
+    """Central squares, all of the smallest one's size but not larger than needed, with boxes and,
+    where known, masks."""
     from shaftpose.dataset.coco_images import load_square  # `real_images` has checked its packages
 
-    side_px = min(min(image.width, image.height) for image in images)
+    side_px = min(_MOST_PX, *(min(image.width, image.height) for image in images))
     squares = [load_square(image, side_px) for image in images]
     return [draw_real(square.rgb, square.masks, square.boxes) for square in squares]
 

@@ -1,10 +1,11 @@
 """Text and tables in Markdown."""
 
+import html
 import re
 from collections.abc import Iterable, Sequence
 
 # Underscores within a word are no markup.
-_MARKUP = re.compile(r"[\\`*<\[\]&~]|(?<![^\W_])_|_(?![^\W_])")
+_MARKUP = re.compile(r"[\\`*\[\]~]|(?<![^\W_])_|_(?![^\W_])")
 
 
 def pipe_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -16,5 +17,6 @@ def pipe_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def escape(text: str) -> str:
-    """Plain text as Markdown that shows it as it is."""
-    return _MARKUP.sub(r"\\\g<0>", text)
+    """Plain text as Markdown of one line that shows it as it is, also to readers who take all tags
+    for HTML."""
+    return _MARKUP.sub(r"\\\g<0>", html.escape(" ".join(text.split()), quote=False))

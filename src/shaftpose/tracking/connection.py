@@ -3,12 +3,17 @@
 import logging
 import os
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.parse import urlparse
+from urllib.request import url2pathname, urlopen
 
 import mlflow
 from filelock import FileLock
 from mlflow.exceptions import MlflowException
 
 from shaftpose.core.errors import InputError
+
+_ANSWER_S = 10.0
 
 
 def connect(uri: str | None, experiment: str) -> None:
@@ -19,8 +24,7 @@ def connect(uri: str | None, experiment: str) -> None:
     used, or if the experiment was deleted.
     """
     root = workspace(Path.cwd())
-    uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{root / 'mlflow.db'}"
-    mlflow.set_tracking_uri(uri)
+    uri = select_store(uri, root)
     logging.getLogger("mlflow").setLevel(logging.WARNING)
     location = (root / "mlruns").as_uri() if uri.startswith("sqlite:") else None
     # Trainings may start concurrently: only one of them creates database and experiment.
@@ -34,6 +38,46 @@ def connect(uri: str | None, experiment: str) -> None:
             f"MLflow at {uri}, experiment {experiment}: {error}; fix this, or set another "
             "tracking.uri (MLFLOW_TRACKING_URI) or tracking.experiment"
         ) from error
+
+
+def select_store(uri: str | None, root: Path) -> str:
+    """Select the MLflow server or the project's database, as for `connect`; returns its URI.
+
+    Raises InputError if a server does not answer, or the project's folder was renamed.
+    """
+    own = f"sqlite:///{root / 'mlflow.db'}"
+    uri = uri or os.environ.get("MLFLOW_TRACKING_URI") or own
+    if uri.startswith("http"):
+        _check_answer(uri)
+    mlflow.set_tracking_uri(uri)
+    if uri == own and (root / "mlflow.db").is_file():
+        _check_folder(root)
+    return uri
+
+
+def _check_answer(uri: str) -> None:
+    """MLflow itself would ask a dead server for minutes."""
+    try:
+        urlopen(uri, timeout=_ANSWER_S).close()
+    except HTTPError:  # it answers
+        pass
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"MLflow at {uri}: no answer ({error}); start the server, or go on without it: "
+            "tracking.uri=null, with MLFLOW_TRACKING_URI unset, records in mlflow.db"
+        ) from error
+
+
+def _check_folder(root: Path) -> None:
+    """MLflow keeps absolute paths: it would create the old one again."""
+    for experiment in mlflow.search_experiments():
+        place = Path(url2pathname(urlparse(experiment.artifact_location).path))
+        if place.name == "mlruns" and place.resolve() != root / "mlruns":
+            raise InputError(
+                f"{root / 'mlflow.db'}: the files of its runs are in {place}: this folder was "
+                f"renamed or copied; `ln -s {root} {place.parent}`, or move mlflow.db away to "
+                "begin a new one"
+            )
 
 
 def workspace(folder: Path) -> Path:

@@ -15,7 +15,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.models import infer_signature
 
 from shaftpose.core.errors import InputError
-from shaftpose.tracking.connection import workspace
+from shaftpose.tracking.connection import select_store, workspace
 from shaftpose.tracking.trainings import run_of
 
 logger = logging.getLogger(__name__)
@@ -69,14 +69,14 @@ def registered_model(name: str) -> Iterator[Path]:
     name: `NAME@ALIAS` or `NAME/VERSION`, at the server MLFLOW_TRACKING_URI if set, else in the
     project's mlflow.db. Raises InputError if the model cannot be loaded.
     """
-    database = workspace(Path.cwd()) / "mlflow.db"
-    uri = os.environ.get("MLFLOW_TRACKING_URI")
-    if not uri and not database.is_file():  # which MLflow would create
+    root = workspace(Path.cwd())
+    database = root / "mlflow.db"
+    if not os.environ.get("MLFLOW_TRACKING_URI") and not database.is_file():  # MLflow would make it
         raise InputError(
             f"mlflow:/{name}: there is no {database}; go to the project's folder, or set "
             "MLFLOW_TRACKING_URI"
         )
-    mlflow.set_tracking_uri(uri or f"sqlite:///{database}")
+    select_store(None, root)
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     with TemporaryDirectory() as folder:
         try:
