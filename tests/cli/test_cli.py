@@ -75,7 +75,7 @@ def test_predict_prints_what_reaches_the_models_confidence(
     model: Path, frame: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["predict", str(frame), str(frame), "--model", str(model)])
-    expected = {"image": str(frame), "frame": 0, "instruments": [FIRST]}
+    expected = {"image": str(frame), "frame": 0, "time_s": None, "instruments": [FIRST]}
     assert results(capsys.readouterr().out) == [expected] * 2
 
 
@@ -211,7 +211,10 @@ def test_a_video_is_predicted_and_drawn_frame_by_frame(model: Path, tmp_path: Pa
     video, out = write_video(tmp_path / "clip.avi", [40, 120, 200], 400, 300), tmp_path / "found"
     main(["predict", str(video), "--model", str(model), "--out", str(out), "--draw"])
     lines = results((out / "predictions.jsonl").read_text())
-    expected = [{"image": str(video), "frame": n, "instruments": [FIRST]} for n in range(3)]
+    expected = [
+        {"image": str(video), "frame": n, "time_s": n / 10, "instruments": [FIRST]}
+        for n in range(3)
+    ]
     assert lines == expected
     drawn = read_greys(out / "clip.mp4")
     assert drawn == pytest.approx([40, 120, 200], abs=12)
@@ -303,7 +306,7 @@ def test_names_that_are_not_utf_8_are_written_as_they_are(
 ) -> None:
     named = frame.rename(tmp_path / "caf\udce9.png")
     main(["predict", str(named), "--model", str(model), "--format", "csv", "--out", str(tmp_path)])
-    assert b"caf\xe9.png,0,0.75" in (tmp_path / "predictions.csv").read_bytes()
+    assert b"caf\xe9.png,0,,0.75" in (tmp_path / "predictions.csv").read_bytes()
 
 
 def test_names_on_standard_input_need_not_be_utf_8(
@@ -316,7 +319,7 @@ def test_names_on_standard_input_need_not_be_utf_8(
         input=b"caf\xe9.png\n", cwd=tmp_path, capture_output=True, check=True,
         env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
     )  # fmt: skip
-    assert b"caf\xe9.png,0,0.75" in done.stdout
+    assert b"caf\xe9.png,0,,0.75" in done.stdout
 
 
 def test_standard_input_is_left_alone_unless_named(

@@ -26,6 +26,10 @@ def grey(value: int, width: int = 400, height: int = 300) -> Image:
     return np.full((height, width, 3), value, dtype=np.uint8)
 
 
+def film_frame(source: str, number: int, rgb: Image, fps: float = 10.0) -> Frame:
+    return Frame(source, number, rgb, number / fps, fps)
+
+
 def test_box_tip_axis_and_pose_are_drawn() -> None:
     black = grey(0)
     drawn = draw_shafts(black, [SHAFT]).max(axis=2)
@@ -75,7 +79,7 @@ def test_videos_are_written_one_after_the_other(tmp_path: Path) -> None:
         for source, values in (("x/clip.avi", (40, 120, 200)), ("y/clip.avi", (90,)),
                                ("rtsp://host/live", (60, 70))):  # fmt: skip
             for number, value in enumerate(values):
-                files.add(Frame(source, number, grey(value), 10.0), [])
+                files.add(film_frame(source, number, grey(value)), [])
     assert read_greys(tmp_path / "clip.mp4") == pytest.approx([40, 120, 200], abs=3)
     assert read_greys(tmp_path / "clip-2.mp4") == pytest.approx([90], abs=3)
     assert read_greys(tmp_path / "stream.mp4") == pytest.approx([60, 70], abs=3)
@@ -84,19 +88,29 @@ def test_videos_are_written_one_after_the_other(tmp_path: Path) -> None:
 
 def test_another_size_begins_another_video(tmp_path: Path) -> None:
     with annotated_files(tmp_path) as files:
-        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
-        files.add(Frame("clip.avi", 1, grey(80, 200, 100), 10.0), [])
-        files.add(Frame("clip.avi", 2, grey(90, 200, 100), 10.0), [])
+        files.add(film_frame("clip.avi", 0, grey(40)), [])
+        files.add(film_frame("clip.avi", 1, grey(80, 200, 100)), [])
+        files.add(film_frame("clip.avi", 2, grey(90, 200, 100)), [])
     assert read_greys(tmp_path / "clip.mp4") == pytest.approx([40], abs=3)
     assert read_greys(tmp_path / "clip-2.mp4") == pytest.approx([80, 90], abs=3)
 
 
-@pytest.mark.parametrize("fps", [211.222, 239.999, 1.0, 23.976, 60000 / 1001])
+def test_a_frame_is_drawn_until_the_time_of_the_next(tmp_path: Path) -> None:
+    """A gap of 10 s and more is left out."""
+    times_s = (0.0, 0.1, 0.5, 0.5, 60.0, 60.1)
+    with annotated_files(tmp_path) as files:
+        for number, time_s in enumerate(times_s):
+            files.add(Frame("clip.avi", number, grey(40 * number), time_s, 10.0), [])
+    expected = [0, 40, 40, 40, 40, 80, 120, 160, 200]
+    assert read_greys(tmp_path / "clip.mp4") == pytest.approx(expected, abs=3)
+
+
+@pytest.mark.parametrize("fps", [700.0, 480.0, 0.5, 211.222, 239.999, 1.0, 23.976, 60000 / 1001])
 def test_all_rates_of_videos_can_be_written(tmp_path: Path, fps: float) -> None:
     """The fraction that OpenCV makes of 211.222 has a numerator that MPEG-4 refuses."""
     with annotated_files(tmp_path) as files:
         for number in range(2):
-            files.add(Frame("clip.avi", number, grey(40), fps), [])
+            files.add(film_frame("clip.avi", number, grey(40), fps), [])
     written = cv2.VideoCapture(str(tmp_path / "clip.mp4")).get(cv2.CAP_PROP_FPS)
     assert written == pytest.approx(fps, abs=0.003)
 
@@ -109,7 +123,7 @@ def test_a_video_that_does_not_fit_is_named(tmp_path: Path) -> None:
         annotated_files(tmp_path) as files,
     ):
         for number in range(3):
-            files.add(Frame("clip.avi", number, noise, 10.0), [])
+            files.add(film_frame("clip.avi", number, noise), [])
 
 
 def test_an_incomplete_video_does_not_hide_what_ended_prediction(tmp_path: Path) -> None:
@@ -120,13 +134,13 @@ def test_an_incomplete_video_does_not_hide_what_ended_prediction(tmp_path: Path)
         annotated_files(tmp_path) as files,
     ):
         for number in range(3):
-            files.add(Frame("clip.avi", number, noise, 10.0), [])
+            files.add(film_frame("clip.avi", number, noise), [])
         raise UnwritableError("predictions.jsonl: cannot be written")
 
 
 def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), annotated_files(tmp_path) as files:
-        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
+        files.add(film_frame("clip.avi", 0, grey(40)), [])
         raise KeyboardInterrupt
     assert len(read_greys(tmp_path / "clip.mp4")) == 1
 
@@ -134,12 +148,12 @@ def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) 
 def test_a_folder_that_takes_no_file_is_named(tmp_path: Path) -> None:
     folder = tmp_path / "file"
     folder.touch()
-    for fps, name in ((None, "a.jpg"), (10.0, "a.mp4")):
+    for time_s, name in ((None, "a.jpg"), (0.0, "a.mp4")):
         with (
             pytest.raises(UnwritableError, match=f"^{folder}/{name}: cannot be written"),
             annotated_files(folder) as files,
         ):
-            files.add(Frame("a.png", 0, grey(40), fps), [])
+            files.add(Frame("a.png", 0, grey(40), time_s), [])
 
 
 def test_a_folder_whose_name_opencv_cannot_take_is_named(tmp_path: Path) -> None:
@@ -147,7 +161,7 @@ def test_a_folder_whose_name_opencv_cannot_take_is_named(tmp_path: Path) -> None
         pytest.raises(UnwritableError, match=r"clip\.mp4: not UTF-8"),
         annotated_files(tmp_path / "caf\udce9") as files,
     ):
-        files.add(Frame("clip.avi", 0, grey(40), 10.0), [])
+        files.add(film_frame("clip.avi", 0, grey(40)), [])
 
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:

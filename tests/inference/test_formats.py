@@ -24,12 +24,12 @@ SHAFT = FoundShaft(
 def test_json_lines_hold_a_frame_each() -> None:
     assert (
         json_line(Frame("a.png", 0, RGB), [])
-        == '{"image": "a.png", "frame": 0, "instruments": []}\n'
+        == '{"image": "a.png", "frame": 0, "time_s": null, "instruments": []}\n'
     )
-    line = json_line(Frame("clip.mp4", 7, RGB, 25.0), [SHAFT, SHAFT])
+    line = json_line(Frame("clip.mp4", 7, RGB, 0.28), [SHAFT, SHAFT])
     assert line.count("\n") == 1
     content = json.loads(line)
-    assert (content["image"], content["frame"]) == ("clip.mp4", 7)
+    assert [content[name] for name in ("image", "frame", "time_s")] == ["clip.mp4", 7, 0.28]
     assert content["instruments"] == 2 * [{
         "score": 0.8765, "box": [1, 2, 3, 4], "tip_px": [30, 40], "axis_px": [[30, 40], [50, 60.3]],
         "x_mm": 1, "y_mm": -2, "z_mm": 20.12, "pitch_deg": 90, "yaw_deg": 0, "metric": True,
@@ -108,7 +108,7 @@ def test_bops_table_is_read_by_bops_rules() -> None:
 
 def test_bops_numbers_come_from_names_or_frames() -> None:
     assert BopLines()(Frame("12.png", 0, RGB), [SHAFT]).startswith("1,12,")
-    assert BopLines()(Frame("clip.mp4", 7, RGB, 25.0), [SHAFT]).startswith("1,7,")
+    assert BopLines()(Frame("clip.mp4", 7, RGB, 0.28), [SHAFT]).startswith("1,7,")
     with pytest.raises(InputError, match="--format bop needs a number"):
         BopLines()(Frame("frame.png", 0, RGB), [SHAFT])
 
@@ -116,10 +116,10 @@ def test_bops_numbers_come_from_names_or_frames() -> None:
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (Frame("a.mp4", 0, RGB, 25.0), Frame("b.mp4", 0, RGB, 25.0)),
+        (Frame("a.mp4", 0, RGB, 0.28), Frame("b.mp4", 0, RGB, 0.28)),
         (Frame("a/000001.png", 0, RGB), Frame("b/000001.png", 0, RGB)),
         (Frame("x/000003/rgb/000001.png", 0, RGB), Frame("y/000003/rgb/000001.png", 0, RGB)),
-        (Frame("a/000001.png", 0, RGB), Frame("b.mp4", 1, RGB, 25.0)),
+        (Frame("a/000001.png", 0, RGB), Frame("b.mp4", 1, RGB, 0.28)),
     ],
 )
 def test_a_scene_of_bop_has_one_source(first: Frame, second: Frame) -> None:
@@ -134,4 +134,4 @@ def test_images_of_a_folder_and_frames_of_a_video_share_a_scene_of_bop() -> None
     for number in (1, 2):
         assert lines(Frame(f"000003/rgb/{number}.png", 0, RGB), [SHAFT]).startswith("3,")
         assert lines(Frame(f"000004/rgb/{number}.png", 0, RGB), [SHAFT]).startswith("4,")
-        assert lines(Frame("a.mp4", number, RGB, 25.0), [SHAFT]).startswith("1,")
+        assert lines(Frame("a.mp4", number, RGB, 0.28), [SHAFT]).startswith("1,")

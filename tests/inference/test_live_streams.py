@@ -7,6 +7,7 @@ import cv2
 import pytest
 
 from shaftpose.core.errors import InputError
+from shaftpose.inference.frames import Frame
 from shaftpose.inference.live_streams import LiveStream, NewestFrames
 from tests.inference.videos import write_video
 
@@ -38,27 +39,31 @@ def test_a_slow_reader_gets_the_newest_frame() -> None:
     frames = NewestFrames(device)
     assert device.paused.wait(PATIENCE_S)
     found = iter(frames)
-    assert next(found) == (49, "49")
+    assert next(found)[::2] == (49, "49")
     device.resumed.set()
     assert device.released.wait(PATIENCE_S)
-    assert list(found) == [(79, "79")]
+    ((number, time_s, pixels),) = found
+    assert (number, pixels) == (79, "79") and time_s > 0
 
 
 def test_closing_ends_the_reading() -> None:
     device = Device(pause=5, end=10**9)
     frames = NewestFrames(device)
     device.resumed.set()
-    assert next(iter(frames))[1].isdecimal()
+    assert next(iter(frames))[2].isdecimal()
     frames.close()
     assert device.released.wait(PATIENCE_S)
 
 
-def test_a_stream_is_shown_to_its_last_frame(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "clip.avi", [40, 120, 200])
-    frames = list(LiveStream(f"file://{path}").frames())
+def test_a_stream_is_shown_to_its_last_frame_and_its_end_reported(tmp_path: Path) -> None:
+    address = f"file://{write_video(tmp_path / 'clip.avi', [40, 120, 200])}"
+    frames: list[Frame] = []
+    with pytest.raises(InputError, match=f"^{address}: shows no more frames; is it still conn"):
+        frames.extend(LiveStream(address).frames())
     assert frames[-1].number == 2
     assert frames[-1].rgb.mean() == pytest.approx(200, abs=2)
-    assert {(frame.source, frame.fps) for frame in frames} == {(f"file://{path}", 10.0)}
+    assert all(frame.time_s is not None and 0 <= frame.time_s < PATIENCE_S for frame in frames)
+    assert {(frame.source, frame.fps) for frame in frames} == {(address, 10.0)}
 
 
 def test_a_camera_that_ends_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.prediction_run import for_each_frame, sources
 from shaftpose.inference.result_stream import UnwritableError
 from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.web_addresses import WebAddress
 
 
 def fail(message: str) -> None:
@@ -67,11 +68,12 @@ def test_names_are_told_apart(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     (tmp_path / "deeper").mkdir()
     (tmp_path / "deeper/c.png").touch()
-    names = ["x.tif", str(tmp_path), "clip.mp4", "0", "rtsp://host/live", "./0"]
+    names = ["x.tif", str(tmp_path), "clip.mp4", "0", "rtsp://host/live", "./0",
+             "https://host/clip.mp4", f"file://{tmp_path}/a%20b.mp4"]  # fmt: skip
     assert list(sources(names, [])) == [
         ImageFile(Path("x.tif")), ImageFile(tmp_path / "a.jpg"), ImageFile(tmp_path / "b.PNG"),
         VideoFile(Path("clip.mp4")), LiveStream(0), LiveStream("rtsp://host/live"),
-        VideoFile(Path("0")),
+        VideoFile(Path("0")), WebAddress("https://host/clip.mp4"), VideoFile(tmp_path / "a b.mp4"),
     ]  # fmt: skip
 
 
@@ -100,5 +102,5 @@ def test_an_image_is_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     write_jpeg(np.full((20, 30, 3), 90, dtype=np.uint8), path)
     (frame,) = ImageFile(path).frames()
-    assert (frame.source, frame.number, frame.fps) == (str(path), 0, None)
+    assert (frame.source, frame.number, frame.time_s) == (str(path), 0, None)
     assert frame.rgb.shape == (20, 30, 3)

@@ -43,8 +43,8 @@ def test_frames_boxes_and_shafts_are_recorded(tmp_path: Path) -> None:
     small, large = (np.full((h, w, 3), 90, dtype=np.uint8) for h, w in ((30, 40), (300, 400)))
     with rerun_file(tmp_path, matrix, 3.0) as add:
         add(Frame("a.png", 0, small), [])
-        add(Frame("film.mp4", 7, large, 25.0), [SHAFT, SHAFT])
-        add(Frame("film.mp4", 8, large, 25.0), [])
+        add(Frame("film.mp4", 7, large, 0.28), [SHAFT, SHAFT])
+        add(Frame("film.mp4", 8, large, 0.28), [])
     found = columns(tmp_path / "predictions.rrd")
     assert found["frame"] == [0, 1, 2]
     assert [text for (text,) in found["/source:Text"]] == [
@@ -87,7 +87,7 @@ def test_a_recording_that_does_not_fit_is_named(tmp_path: Path) -> None:
         rerun_file(tmp_path, matrix, None) as add,
     ):
         for number in range(3):
-            add(Frame("film.mp4", number, noise, 25.0), [])
+            add(Frame("film.mp4", number, noise, 0.28), [])
 
 
 def test_predict_records_its_frames(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ RGB = np.zeros((10, 20, 3), np.uint8)
 DRAWN = np.ones((2, 2))
 
 
-def frame(number: int, source: str = "film.mp4", fps: float | None = 25.0) -> Frame:
-    return Frame(source, number, RGB, fps)
+def frame(number: int, source: str = "film.mp4", fps: float = 25.0) -> Frame:
+    return Frame(source, number, RGB, number / fps, fps)
 
 
 def shaft(x_mm: float, yaw_deg: float = 0.0) -> FoundShaft:
@@ -93,9 +93,24 @@ def test_distances_grow_with_the_diameter() -> None:
         assert found.track == number
 
 
-def test_images_are_left_alone() -> None:
-    one = shaft(3)
-    assert tracker()(frame(0, "image.png", None), [one]) == [one]
+def test_images_of_a_folder_are_frames_of_a_film() -> None:
+    """After the 13th without it, 0.5 s, a shaft is another one."""
+    follow = tracker()
+    names = [f"a/{n}.png" for n in range(20)]
+    found = [
+        follow(Frame(name, 0, RGB), [] if 4 < n < 18 else [shaft(0)])
+        for n, name in enumerate(names)
+    ]
+    assert [one.track for shafts in found for one in shafts] == 5 * [1] + 2 * [2]
+    assert [one.track for one in follow(Frame("b/0.png", 0, RGB), [shaft(0)])] == [1]
+
+
+def test_frames_are_as_far_apart_as_their_times() -> None:
+    """20 mm in 2 s are no jump; at 25 frames a second they would be one."""
+    follow = tracker()
+    for number, time_s in enumerate((0.0, 2.0, 4.0)):
+        (found,) = follow(Frame("film.mkv", number, RGB, time_s), [shaft(9.0 * number)])
+        assert found.track == 1
 
 
 def test_the_nearest_pairs_match_first_and_far_ones_never() -> None:

@@ -10,7 +10,13 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.inference.video_files import VideoFile, frame_rate
-from tests.inference.videos import TRACK, edit_box, with_pixel_aspect, write_video
+from tests.inference.videos import (
+    TRACK,
+    edit_box,
+    with_pixel_aspect,
+    write_matroska,
+    write_video,
+)
 
 
 def fail(message: str) -> None:
@@ -23,27 +29,81 @@ def test_all_frames_come_in_their_order(tmp_path: Path) -> None:
     frames = list(video.frames())
     assert [frame.number for frame in frames] == [0, 1, 2]
     assert [frame.rgb.mean() for frame in frames] == pytest.approx([40, 120, 200], abs=2)
+    assert [frame.time_s for frame in frames] == pytest.approx([0, 0.1, 0.2])
     assert {(frame.source, frame.fps) for frame in frames} == {(str(video.path), 10.0)}
     assert frames[0].rgb.shape == (48, 64, 3)
 
 
 @pytest.mark.parametrize(
     ("stated", "used"),
-    [(0.0, 25), (float("nan"), 25), (29.97, 29.97), (1000.0, 25), (90_000.0, 25)],
+    [
+        (0.0, 25),
+        (float("nan"), 25),
+        (29.97, 29.97),
+        (1000.0, 25),
+        (90_000.0, 25),
+        (480, 480),
+        (0.5, 0.5),
+    ],
 )
 def test_ticks_are_no_frames_a_second(stated: float, used: float) -> None:
     capture = Mock(get=Mock(return_value=stated))
     assert frame_rate(capture) == used
 
 
-def test_a_video_that_ends_early_keeps_its_frames(tmp_path: Path) -> None:
+def test_a_video_that_is_cut_keeps_its_frames(tmp_path: Path) -> None:
     path = write_video(tmp_path / "clip.avi", [40] * 60)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    read = []
+    for share, least in ((0.5, 10), (0.93, 50)):
+        part = tmp_path / f"{share}.avi"
+        part.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+        read = []
+        with pytest.raises(InputError, match=f"^{part}: is cut short; only its first \\d+ frames"):
+            read.extend(frame.number for frame in VideoFile(part).frames(fail))
+        assert least < len(read) < 60
+
+
+def test_a_video_whose_frames_are_damaged_ends_early(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.avi", [40] * 60)
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        file.seek(size // 3)
+        file.write(bytes(size // 2))
     with pytest.raises(InputError, match=f"^{path}: ends after \\d+ of 60 frames"):
-        for frame in VideoFile(path).frames():
-            read.append(frame.number)
-    assert 10 < len(read) < 54
+        list(VideoFile(path).frames(fail))
+
+
+@pytest.mark.parametrize("times_ms", [[0, 40, 1000, 3000], [0, 40, 80, 3000]])
+def test_frames_of_changing_rates_have_their_own_times(times_ms: list[int], tmp_path: Path) -> None:
+    """OpenCV estimates 38 frames or more from the length of 3.04 s."""
+    path = write_matroska(tmp_path / "clip.mkv", [40, 80, 120, 200], times_ms, 3040)
+    frames = list(VideoFile(path).frames(fail))
+    assert [frame.time_s for frame in frames] == [time / 1000 for time in times_ms]
+    assert frames[3].rgb.mean() == pytest.approx(200, abs=2)
+
+
+def test_the_last_frame_may_be_shown_for_long(tmp_path: Path) -> None:
+    path = write_matroska(tmp_path / "clip.mkv", [40, 80, 120], [0, 40, 2000], 3900)
+    assert len(list(VideoFile(path).frames(fail))) == 3
+
+
+def test_a_trimmed_video_is_complete(tmp_path: Path) -> None:
+    """Its header counts 20 frames, of which an edit list shows the second half."""
+    path = write_video(tmp_path / "clip.mp4", range(20, 120, 5))
+    half = struct.pack(">I", 1000)
+    edit_box(path, (b"moov", b"mvhd"), lambda header: header[:16] + half + header[20:])
+    start = half + struct.pack(">I", 10 * 1024)
+    edit_box(path, (*TRACK, b"edts", b"elst"), lambda edits: edits[:8] + start + edits[16:])
+    assert len(list(VideoFile(path).frames(fail))) == 10
+
+
+def test_single_missing_frames_are_told(tmp_path: Path) -> None:
+    """The header is made to count two frames more than there are."""
+    path = write_video(tmp_path / "clip.avi", [40] * 60)
+    data, sixty = path.read_bytes(), struct.pack("<I", 60)
+    path.write_bytes(data.replace(sixty, struct.pack("<I", 62)))
+    warnings: list[str] = []
+    assert len(list(VideoFile(path).frames(warnings.append))) == 60
+    assert warnings == [f"{path}: 2 of its 62 frames are missing"]
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no video"])

@@ -55,6 +55,37 @@ def box(name: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content) + 8) + name + content
 
 
+def element(name: bytes, content: bytes) -> bytes:
+    """An element of Matroska, whose length takes 4 bytes."""
+    return name + (len(content) | 1 << 28).to_bytes(4, "big") + content
+
+
+def write_matroska(path: Path, greys: Sequence[int], times_ms: Sequence[int], end_ms: int) -> Path:
+    """Frames of one grey each, at any times, in a film that lasts until `end_ms`."""
+    track = b"".join(
+        element(bytes.fromhex(name), content)
+        for name, content in (
+            ("d7", b"\1"), ("73c5", b"\1"), ("83", b"\1"), ("86", b"V_MJPEG"),
+            ("e0", element(b"\xb0", b"\x40") + element(b"\xba", b"\x30")),
+        )
+    )  # fmt: skip
+    clusters = b"".join(
+        element(b"\x1fC\xb6u", element(b"\xe7", time.to_bytes(4, "big"))
+                + element(b"\xa3", b"\x81\0\0\x80" + _jpeg(grey)))
+        for grey, time in zip(greys, times_ms, strict=True)
+    )  # fmt: skip
+    length = element(b"\x44\x89", struct.pack(">d", end_ms))
+    info = element(b"\x15I\xa9f", element(b"\x2a\xd7\xb1", b"\x0f\x42\x40") + length)
+    tracks = element(b"\x16T\xaek", element(b"\xae", track))
+    head = element(b"\x1aE\xdf\xa3", element(b"\x42\x82", b"matroska"))
+    path.write_bytes(head + element(b"\x18S\x80g", info + tracks + clusters))
+    return path
+
+
+def _jpeg(grey: int) -> bytes:
+    return cv2.imencode(".jpg", np.full((48, 64, 3), grey, dtype=np.uint8))[1].tobytes()
+
+
 TRACK = (b"moov", b"trak")
 TABLES = (*TRACK, b"mdia", b"minf", b"stbl")
 

@@ -17,7 +17,7 @@ examples:
   find . -name '*.png' | shaftpose predict - --score 0.3
   shaftpose predict frames/ --out found --workers 16      # 16 processes
 
-A camera or stream is read until it ends or Ctrl-C; frames that come too fast are skipped.
+A camera or stream is read until Ctrl-C; frames that come too fast are skipped.
 
 Exit status: 0; 1 if a source failed (the others are predicted all the same); 130 after Ctrl-C."""
 
@@ -77,7 +77,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--track", action="store_true",
-        help="number the shafts of videos and streams, and smooth their poses",
+        help="number the shafts of videos, streams and folders of frames, and smooth their poses",
     )  # fmt: skip
     parser.add_argument(
         "--format", choices=("jsonl", "csv", "bop"), default="jsonl", help="of results (jsonl)"

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
+from cv2.typing import MatLike
 
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.figures.drawing import (
@@ -20,6 +21,7 @@ from shaftpose.inference.frames import Frame
 from shaftpose.inference.result_stream import UnwritableError, incomplete, naming_unwritable
 from shaftpose.inference.video_files import opencv_takes, stated_length
 
+_LONGEST_GAP_S = 10.0  # between frames of a video, that a drawing keeps
 _PLAIN_PX = 299  # side of a frame with lines of one pixel
 
 
@@ -66,12 +68,12 @@ class AnnotatedFiles:
         created, or an earlier one that is not complete.
         """
         drawn = draw_shafts(frame.rgb, shafts)
-        if frame.fps is None:
+        if frame.time_s is None:
             path = unused(self._folder, Path(frame.source).stem, "jpg")
             with naming_unwritable(path):
                 write_jpeg(drawn, path)
         else:
-            self._video_of(frame, frame.fps).add(drawn)
+            self._video_of(frame).add(drawn, frame.number, frame.time_s)
 
     def close(self) -> None:
         """Finish the last video. Raises UnwritableError naming it if it is not complete."""
@@ -84,26 +86,28 @@ class AnnotatedFiles:
         if self._video is not None:
             self._video.release()
 
-    def _video_of(self, frame: Frame, fps: float) -> "AnnotatedVideo":
+    def _video_of(self, frame: Frame) -> "AnnotatedVideo":
         """The video that a frame continues, or a new one."""
         if self._video is None or not self._video.is_continued_by(frame):
             self.close()
             path = unused(self._folder, _stem(frame.source), "mp4")
-            self._video = AnnotatedVideo(path, frame, fps)
+            self._video = AnnotatedVideo(path, frame)
         return self._video
 
 
 class AnnotatedVideo:
-    """An MP4 file of a video. Raises UnwritableError naming it if it cannot be created."""
+    """An MP4 file of a video, whose frames are repeated until the next one's time. Raises
+    UnwritableError naming it if it cannot be created."""
 
-    def __init__(self, path: Path, first: Frame, fps: float) -> None:
+    def __init__(self, path: Path, first: Frame) -> None:
         if not opencv_takes(str(path)):
             raise UnwritableError(f"{path}: not UTF-8; name another folder by --out")
         self._name, self._count = str(path), 0
-        self._source, self._shape = first.source, first.rgb.shape
+        self._source, self._shape, self._fps = first.source, first.rgb.shape, first.fps
+        self._number, self._start_s = first.number, first.time_s or 0.0
+        self._last: MatLike | None = None
         code, size = cv2.VideoWriter.fourcc(*"mp4v"), first.rgb.shape[1::-1]
-        # OpenCV writes rates as fractions, of which MPEG-4 takes no numerator above 65,535.
-        self._writer = cv2.VideoWriter(self._name, code, round(fps, 3 if fps < 65 else 2), size)
+        self._writer = cv2.VideoWriter(self._name, code, _writable_rate(first.fps), size)
         if not self._writer.isOpened():
             raise UnwritableError(
                 f"{path}: cannot be written as a video; name another folder by --out"
@@ -112,12 +116,22 @@ class AnnotatedVideo:
     def is_continued_by(self, frame: Frame) -> bool:
         """Whether a frame belongs to the same video and has its size: OpenCV would drop others."""
         same = frame.source == self._source and frame.rgb.shape == self._shape
-        return same and frame.number > 0
+        return same and frame.number > self._number
 
-    def add(self, rgb: Image) -> None:
-        """Append a frame."""
-        self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-        self._count += 1
+    def add(self, rgb: Image, number: int, time_s: float) -> None:
+        """Append a frame of this number."""
+        gap = round((time_s - self._start_s) * self._fps) - self._count
+        if gap > _LONGEST_GAP_S * self._fps:  # a camera that slept, or times that are wrong
+            self._start_s += gap / self._fps
+        elif self._last is not None:
+            self._write(self._last, gap)
+        self._last, self._number = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), number
+        self._write(self._last, 1)
+
+    def _write(self, bgr: MatLike, times: int) -> None:
+        for _ in range(times):
+            self._writer.write(bgr)
+            self._count += 1
 
     def close(self) -> None:
         """Finish the file. Raises UnwritableError if it lacks frames: OpenCV reports no failure."""
@@ -142,6 +156,11 @@ def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
     finally:
         files.release()
     files.close()
+
+
+def _writable_rate(fps: float) -> float:
+    """OpenCV writes rates as fractions, of which MPEG-4 takes no numerator above 65,535."""
+    return round(fps, 3 if fps < 65 else 2 if fps < 650 else 0)
 
 
 def unused(folder: Path, stem: str, suffix: str) -> Path:

@@ -66,7 +66,7 @@ class PredictedImage:
     shafts: tuple[FoundShaft, ...] = ()
     error: str = ""
     number: int = 0
-    fps: None = None
+    time_s: None = None
 
     def frames(self, warn: Warn) -> Iterator["PredictedImage"]:
         """Itself. Raises InputError if it failed."""

@@ -17,8 +17,8 @@ from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import FrameId
 
 CSV_COLUMNS = (
-    "image", "frame", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px", "axis_x_px",
-    "axis_y_px", *POSE_DIMENSIONS, "metric", "tip", "track",
+    "image", "frame", "time_s", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px",
+    "axis_x_px", "axis_y_px", *POSE_DIMENSIONS, "metric", "tip", "track",
 )  # fmt: skip
 BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _SHAFT, _UNKNOWN_TIME = 1, -1  # our object's number, and BOP's value for an unknown time
@@ -40,7 +40,12 @@ class Format:
 def json_line(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     """One line for the frame, with all its shafts."""
     found = [as_row(shaft) for shaft in shafts]
-    return json.dumps({"image": frame.source, "frame": frame.number, "instruments": found}) + "\n"
+    line = {"image": frame.source, "frame": frame.number, "time_s": _time_s(frame)}
+    return json.dumps(line | {"instruments": found}) + "\n"
+
+
+def _time_s(frame: FrameId) -> float | None:
+    return None if frame.time_s is None else round(frame.time_s, 4)
 
 
 def as_row(shaft: FoundShaft) -> dict[str, Any]:
@@ -70,9 +75,9 @@ def _named(values: np.ndarray) -> dict[str, float]:
 def csv_lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft."""
     return _table(
-        [frame.source, frame.number, row["score"], *row["box"], *row["tip_px"], *row["axis_px"][1],
-         *(row[name] for name in POSE_DIMENSIONS), "true" if row["metric"] else "false",
-         row["tip"], row["track"]]
+        [frame.source, frame.number, _time_s(frame), row["score"], *row["box"], *row["tip_px"],
+         *row["axis_px"][1], *(row[name] for name in POSE_DIMENSIONS),
+         "true" if row["metric"] else "false", row["tip"], row["track"]]
         for row in map(as_row, shafts)
     )  # fmt: skip
 
@@ -91,7 +96,9 @@ class BopLines:
         this run has the same scene number.
         """
         scene, image = _bop_numbers(frame)
-        owner = frame.source if frame.fps is not None else str(Path(frame.source).absolute().parent)
+        owner = (
+            frame.source if frame.time_s is not None else str(Path(frame.source).absolute().parent)
+        )
         first = self._owners.setdefault(scene, owner)
         if owner != first:
             raise InputError(
@@ -108,7 +115,7 @@ class BopLines:
 def _bop_numbers(frame: FrameId) -> tuple[int, int]:
     """Scene and image number, from paths like SCENE/rgb/IMAGE.png of BOP's datasets; of a video,
     scene 1."""
-    if frame.fps is not None:
+    if frame.time_s is not None:
         return 1, frame.number
     path = Path(frame.source)
     scene, image = path.absolute().parent.parent.name, path.stem

@@ -16,6 +16,7 @@ from shaftpose.core.images import Image, read_rgb
 
 # Files that are named like this are images even if their content is damaged.
 _SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
+USUAL_FPS = 25.0  # assumed where none is stated
 _log = logging.getLogger(__name__)
 
 
@@ -24,14 +25,16 @@ class Frame:
     """An image to predict.
 
     source: the name that the user gave: an image file, a video file, a camera or a URL. number:
-    position in a video or stream, from 0; 0 for an image file. rgb: (H, W, 3) uint8. fps: frames
-    per second of the video or stream; None for an image file. aspect: of a pixel, width / height.
+    position in a video or stream, from 0; 0 for an image file. rgb: (H, W, 3) uint8. time_s: since
+    the first frame; None for an image file. fps: nominal frames per second of the video or stream.
+    aspect: of a pixel, width / height.
     """
 
     source: str
     number: int
     rgb: Image
-    fps: float | None = None
+    time_s: float | None = None
+    fps: float = USUAL_FPS
     aspect: float = 1.0
 
 
@@ -52,8 +55,8 @@ class FrameId(Protocol):
         """The position in a video or stream."""
 
     @property
-    def fps(self) -> float | None:
-        """Frames per second; None for an image file."""
+    def time_s(self) -> float | None:
+        """The time since the first frame; None for an image file."""
 
 
 class Source(Protocol):

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from threading import Condition, Thread
+from time import monotonic
 from typing import Any, Protocol
 
 import cv2
@@ -26,22 +27,25 @@ class Capture(Protocol):
         """Close the device."""
 
 
+Numbered = tuple[int, float, Any]
+
+
 class NewestFrames:
     """Reads a capture in a thread and keeps only its newest frame: memory does not grow, and a slow
     reader never lags behind.
 
-    Iterating yields the number of each frame, from 0, and its pixels as the capture gives them,
-    until the capture ends. The thread releases the capture.
+    Iterating yields the number of each frame, from 0, its time in s since the first, and its pixels
+    as the capture gives them, until the capture ends. The thread releases the capture.
     """
 
     def __init__(self, capture: Capture) -> None:
         self._capture, self._changed = capture, Condition()
-        self._newest: tuple[int, Any] | None = None
+        self._newest: Numbered | None = None
         self._ended = False
         self._thread = Thread(target=self._read, daemon=True)
         self._thread.start()
 
-    def __iter__(self) -> Iterator[tuple[int, Any]]:
+    def __iter__(self) -> Iterator[Numbered]:
         while (newest := self._next()) is not None:
             yield newest
 
@@ -50,20 +54,21 @@ class NewestFrames:
         self._ended = True
         self._thread.join(_PATIENCE_S)
 
-    def _next(self) -> tuple[int, Any] | None:
+    def _next(self) -> Numbered | None:
         with self._changed:
             self._changed.wait_for(lambda: self._ended or self._newest is not None)
             newest, self._newest = self._newest, None
             return newest
 
     def _read(self) -> None:
-        number = 0
+        number, start_s = 0, 0.0
         try:
             while not self._ended:
                 there, pixels = self._capture.read()
                 if not there:
                     break
-                self._put(number, pixels)
+                start_s = start_s or monotonic()
+                self._put((number, monotonic() - start_s, pixels))
                 number += 1
         finally:
             with self._changed:
@@ -71,9 +76,9 @@ class NewestFrames:
                 self._changed.notify()
             self._capture.release()
 
-    def _put(self, number: int, pixels: Any) -> None:
+    def _put(self, frame: Numbered) -> None:
         with self._changed:
-            self._newest = number, pixels
+            self._newest = frame
             self._changed.notify()
 
 
@@ -88,11 +93,8 @@ class LiveStream:
     length: None = None
 
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
-        """Frames until the stream ends.
-
-        Raises InputError naming the source if it gives no frame, or if it is a camera and ends: its
-        connection is lost.
-        """
+        """Frames until Ctrl-C. Raises InputError naming the source if it cannot be opened, or ends:
+        its connection is lost."""
         address = self.address
         if isinstance(address, str) and not opencv_takes(address):
             raise InputError(f"{address}: a stream's address must be UTF-8; write %XX for others")
@@ -102,14 +104,13 @@ class LiveStream:
         )
         if not capture.isOpened():
             raise InputError(f"{self.name}: cannot be opened; is it there, and used by no other?")
-        fps, newest, number = frame_rate(capture), NewestFrames(capture), -1
+        fps, newest = frame_rate(capture), NewestFrames(capture)
         try:
-            for number, bgr in newest:
-                yield Frame(self.name, number, from_bgr(bgr), fps)
+            for number, time_s, bgr in newest:
+                yield Frame(self.name, number, from_bgr(bgr), time_s, fps)
         finally:
             newest.close()
-        if number < 0 or isinstance(address, int):
-            raise InputError(f"{self.name}: shows no more frames; is it still connected?")
+        raise InputError(f"{self.name}: shows no more frames; is it still connected?")
 
     @property
     def name(self) -> str:

@@ -5,15 +5,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Protocol, TypeVar
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.annotated_files import annotated_files
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame, FrameId, ImageFile, Source, images_of, is_image
+from shaftpose.inference.frames import Frame, FrameId, Source, images_of
 from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.result_stream import UnwritableError, result_stream
-from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.web_addresses import WebAddress, file_source
 
 # Writes a frame with its shafts.
 Write = Callable[[Frame, Sequence[FoundShaft]], None]
@@ -34,15 +36,18 @@ def sources(names: Iterable[str], lines: Iterable[str]) -> Iterator[Source]:
 
 
 def _named(name: str) -> Iterable[Source]:
-    """A whole number is a camera, a name with `://` a stream; all others are paths."""
+    """A whole number is a camera, a name with `://` an address; all others are paths."""
     if name.isdecimal():
         return [LiveStream(int(name))]
-    if "://" in name:
-        return [LiveStream(name)]
+    scheme, separator, _ = name.partition("://")
+    if scheme == "file":
+        name = url2pathname(urlsplit(name).path)
+    elif separator:
+        return [WebAddress(name) if scheme in ("http", "https") else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
         return images_of(path)
-    return [ImageFile(path) if is_image(path) else VideoFile(path)]
+    return [file_source(path)]
 
 
 class FramesOf(Protocol[F_co]):

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
+from shaftpose.inference.frames import Frame, FrameId
 from shaftpose.inference.tracks import Measurement, Track
 
 # A shaft continues a track if its tip and axis are this near to the predicted ones.
@@ -24,7 +25,8 @@ AxisPx = Callable[[ShaftPose, Image, float], Array]
 
 
 class ShaftTracker:
-    """Numbers the shafts of each video or stream from 1 and smooths their poses over time.
+    """Numbers the shafts of each film from 1 and smooths their poses over time. A film is a video,
+    a stream, or the images of a folder, which are taken for frames of the usual rate.
 
     Deviations stay those of the single frame: errors of successive frames are correlated, so
     smoothing reduces them less than the filter assumes. axis_px: projects smoothed poses.
@@ -33,16 +35,16 @@ class ShaftTracker:
 
     def __init__(self, axis_px: AxisPx, diameter_mm: float | None) -> None:
         self._axis_px, self._diameter_mm = axis_px, diameter_mm or _USUAL_MM
-        self._source, self._tracks, self._count = "", list[Track](), 0
+        self._film, self._tracks, self._count = "", list[Track](), 0
         self._last_s = 0.0  # time of the last frame
 
     def __call__(self, frame: Frame, shafts: Sequence[FoundShaft]) -> list[FoundShaft]:
-        """The shafts with numbers and smoothed poses; those of an image file are unchanged."""
-        if frame.fps is None:
-            return list(shafts)
-        if frame.source != self._source or frame.number == 0:
-            self._source, self._tracks, self._count = frame.source, [], 0
-        time_s = frame.number / frame.fps
+        """The shafts with numbers and smoothed poses."""
+        film, time_s = film_of(frame), frame.time_s
+        if time_s is None:
+            time_s = self._last_s + 1 / frame.fps
+        if film != self._film or time_s < self._last_s:
+            self._film, self._tracks, self._count = film, [], 0
         # At low frame rates, too, a shaft of the last frame may be the same.
         since = min(time_s - _LONGEST_GAP_S, self._last_s)
         self._tracks, self._last_s = [t for t in self._tracks if t.time_s >= since], time_s
@@ -82,6 +84,11 @@ class ShaftTracker:
         # The fit knows where the shaft is; only along the axis may its tip lie elsewhere.
         along_mm = float(np.linalg.norm(shaft.deviations[:3]))
         return Measurement(shaft.pose, np.minimum(shaft.deviations, unfitted), along_mm)
+
+
+def film_of(frame: FrameId) -> str:
+    """The film that a frame belongs to: its source, or the folder of an image."""
+    return frame.source if frame.time_s is not None else str(Path(frame.source).parent)
 
 
 def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) -> dict[int, int]:

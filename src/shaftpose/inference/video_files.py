@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.inference.frames import Frame, from_bgr
+from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
+from shaftpose.inference.frames import USUAL_FPS, Frame, from_bgr
 
 _log = logging.getLogger(__name__)
-_USUAL_FPS = 25.0  # assumed if a file or a device states none
 # OpenCV may report the time base of a container or a stream, such as 1,000 or 90,000 per second.
-_LEAST_FPS, _MOST_FPS = 1.0, 240.0
+_TIME_BASE = 1000.0
 _OBLONGEST = 4.0
 _WIDTH, _HEIGHT = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
-_LEAST_SHARE = 0.9  # of the header's number of frames, which may be an estimate
+_LEAST_SHARE = 0.9  # of the stated number of frames, or of the film's length
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class VideoFile:
         return stated_length(cv2.VideoCapture(self.name)) if opencv_takes(self.name) else None
 
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
-        """All frames. Raises InputError naming the file if it is not a video or ends early."""
+        """All frames, at the times that the file states. Raises InputError naming the file if it is
+        not a video, ends early, or cannot be decoded; warns if single frames are missing."""
         if not os.path.isfile(self.path):
             raise InputError(
                 f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
@@ -53,17 +54,39 @@ class VideoFile:
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
         check_size(self.name, capture)
         fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
-        stated, number, seen = stated_length(capture) or 0, 0, _SeenFrames(self.name)
+        number, time_s, step_s, seen = 0, 0.0, 1 / fps, _SeenFrames(self.name)
         while (bgr := capture.read()[1]) is not None:
             seen.add(np.asarray(bgr, np.uint8))
-            yield Frame(self.name, number, from_bgr(bgr), fps, aspect)
+            last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
+            step_s = max(step_s, time_s - last_s)
+            yield Frame(self.name, number, from_bgr(bgr), time_s, fps, aspect)
             number += 1
-        if number == 0 or number < _LEAST_SHARE * stated:
+        self._check_end(number, time_s + step_s, stated_length(capture) or 0, fps, warn)
+        seen.check()
+
+    def _check_end(self, count: int, end_s: float, stated: int, fps: float, warn: Warn) -> None:
+        """Raise InputError or warn if frames are missing.
+
+        The stated number may be an estimate from the film's length, or count trimmed frames: then
+        its end in time decides, where the last frame may be shown as long as any other.
+        """
+        stated_s = film_seconds(self.path) or stated / fps
+        share = max(count / max(stated, 1), end_s / stated_s if stated_s else 1.0)
+        if is_cut(self.path):
+            raise InputError(f"{self.path}: is cut short; only its first {count} frames are left")
+        if count == 0 or share < _LEAST_SHARE:
             raise InputError(
-                f"{self.path}: ends after {number} of {stated} frames; it may be damaged or cut "
+                f"{self.path}: ends after {count} of {stated} frames; it may be damaged or cut "
                 "short"
             )
-        seen.check()
+        if count < stated and end_s < stated_s - 1 / fps and counts_frames(self.path):
+            warn(f"{self.path}: {stated - count} of its {stated} frames are missing")
+
+
+def _time_s(capture: cv2.VideoCapture, last_s: float, fps: float) -> float:
+    """The time of a frame after the first, never before `last_s`; some containers state none."""
+    time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+    return max(time_s, last_s) if 0 < time_s < np.inf else last_s + 1 / fps
 
 
 class _SeenFrames:
@@ -153,4 +176,4 @@ def stated_length(capture: cv2.VideoCapture) -> int | None:
 def frame_rate(capture: cv2.VideoCapture) -> float:
     """Frames per second of a video or device; a usual value if it states none."""
     fps = float(capture.get(cv2.CAP_PROP_FPS))
-    return fps if _LEAST_FPS <= fps <= _MOST_FPS else _USUAL_FPS
+    return fps if 0 < fps < _TIME_BASE else USUAL_FPS

@@ -1,0 +1,103 @@
+"""Whether a video file was cut short, as containers tell by the sizes that they state."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")  # that MP4 and MOV begin with
+_EBML, _SEGMENT = b"\x1aE\xdf\xa3", b"\x18S\x80g"  # of Matroska and WebM
+_PACKETS = ((0, 188), (4, 192))  # of MPEG transport streams: place of their sync byte, and length
+_SYNC = 0x47
+
+
+def counts_frames(path: Path) -> bool:
+    """Whether a file is of a container that states an exact number of frames: MP4, MOV or AVI."""
+    with path.open("rb") as file:
+        head = file.read(12)
+    return head[4:8] in _BOXES or head[:4] == b"RIFF"
+
+
+def is_cut(path: Path) -> bool:
+    """Whether a file ends before the parts that it states; False for other containers."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(2 * 192)
+        if head[4:8] in _BOXES:
+            return any(end > size for end in _box_ends(file, size))
+        if head[:4] == b"RIFF":
+            return any(end > size + 1 for end in _riff_ends(file, size))  # a last byte may be spare
+        if head[:4] == _EBML:
+            return _segment_end(file) > size
+    for place, length in _PACKETS:
+        if len(head) > place + length and head[place] == head[place + length] == _SYNC:
+            return size % length > 0
+    return False
+
+
+def film_seconds(path: Path) -> float | None:
+    """How long an MP4 film lasts; None for other containers. Of a film that was trimmed without
+    being compressed again, the number of frames counts those that were trimmed, too."""
+    with path.open("rb") as file:
+        starts = [0, *_box_ends(file, path.stat().st_size)]
+        for start in starts:
+            file.seek(start)
+            header = file.read(48)
+            if header[4:8] == b"moov" and header[12:16] == b"mvhd":
+                return _seconds(header[16:])
+    return None
+
+
+def _seconds(header: bytes) -> float | None:
+    """Of the header of a film: version, two dates, ticks per second, and the length in ticks."""
+    size = 8 if header[0] == 1 else 4
+    ticks, length = (header[n : n + w] for n, w in ((4 + 2 * size, 4), (8 + 2 * size, size)))
+    per_second, count = (int.from_bytes(number, "big") for number in (ticks, length))
+    return count / per_second if per_second and count else None
+
+
+def _box_ends(file: BinaryIO, size: int) -> Iterator[int]:
+    """The ends of the outer boxes of an MP4 file; a length of 0 reaches to its end."""
+    place = 0
+    while place + 8 <= size:
+        file.seek(place)
+        header = file.read(16)
+        length = int.from_bytes(header[:4], "big")
+        if length == 1:
+            length = int.from_bytes(header[8:], "big")
+        if length < 8:
+            return
+        place += length
+        yield place
+
+
+def _riff_ends(file: BinaryIO, size: int) -> Iterator[int]:
+    """The ends of the parts of an AVI file; one that was written to a pipe states none."""
+    place = 0
+    while place + 8 <= size:
+        file.seek(place)
+        header = file.read(8)
+        length = int.from_bytes(header[4:], "little")
+        if header[:4] != b"RIFF" or length in (0, 2**32 - 1):
+            return
+        place += 8 + length + length % 2
+        yield place
+
+
+def _segment_end(file: BinaryIO) -> int:
+    """The end of a Matroska file's only segment, 0 if it states none."""
+    file.seek(4)
+    length, _ = _ebml_size(file)
+    file.seek(length, 1)
+    if file.read(4) != _SEGMENT:
+        return 0
+    length, known = _ebml_size(file)
+    return file.tell() + length if known else 0
+
+
+def _ebml_size(file: BinaryIO) -> tuple[int, bool]:
+    """A number of 1 to 8 bytes, whose first bits tell how many, and whether it is known."""
+    first = int.from_bytes(file.read(1), "big")
+    more = 8 - first.bit_length()
+    bits = 7 * (more + 1)
+    number = int.from_bytes(bytes([first]) + file.read(more), "big") & (2**bits - 1)
+    return number, number != 2**bits - 1

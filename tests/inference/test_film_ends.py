@@ -1,0 +1,64 @@
+"""The ends that video files state."""
+
+from pathlib import Path
+
+import pytest
+
+from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
+from tests.inference.videos import box, write_matroska, write_video
+
+
+@pytest.fixture(params=["mp4", "avi", "mkv"])
+def film(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / f"clip.{request.param}"
+    if request.param == "mkv":
+        return write_matroska(path, [40, 80, 120], [0, 40, 80], 120)
+    return write_video(path, [40, 80, 120])
+
+
+def test_a_whole_film_is_told_from_a_cut_one(film: Path) -> None:
+    assert not is_cut(film)
+    data = film.read_bytes()
+    for missing in (2, len(data) // 2):
+        film.write_bytes(data[:-missing])
+        assert is_cut(film)
+
+
+def test_some_containers_count_their_frames(film: Path) -> None:
+    assert counts_frames(film) == (film.suffix != ".mkv")
+    assert film_seconds(film) == (pytest.approx(0.3) if film.suffix == ".mp4" else None)
+
+
+def test_a_box_may_reach_to_the_end_or_state_64_bits(tmp_path: Path) -> None:
+    path, head = tmp_path / "clip.mp4", box(b"ftyp", bytes(8))
+    path.write_bytes(head + b"\0\0\0\0mdat" + bytes(99))
+    assert not is_cut(path)
+    for length in (100, 101):
+        path.write_bytes(head + b"\0\0\0\1mdat" + length.to_bytes(8, "big") + bytes(84))
+        assert is_cut(path) == (length > 100)
+
+
+@pytest.mark.parametrize(("sync", "length"), [(0, 188), (4, 192)])
+def test_a_transport_stream_consists_of_whole_packets(
+    sync: int, length: int, tmp_path: Path
+) -> None:
+    packet = bytes(sync) + b"G" + bytes(length - sync - 1)
+    path = tmp_path / "clip.ts"
+    path.write_bytes(3 * packet)
+    assert not is_cut(path)
+    path.write_bytes(3 * packet + packet[:100])
+    assert is_cut(path)
+
+
+@pytest.mark.parametrize("head", [b"", b"RIFF", b"\x1aE\xdf\xa3", b"\x1aE\xdf\xa3\x01" + bytes(20)])
+def test_unknown_files_are_not_cut(head: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "clip"
+    path.write_bytes(head)
+    assert not is_cut(path)
+
+
+@pytest.mark.parametrize("length", [0, 2**32 - 1])
+def test_an_avi_that_was_written_to_a_pipe_states_no_end(length: int, tmp_path: Path) -> None:
+    path = tmp_path / "clip.avi"
+    path.write_bytes(b"RIFF" + length.to_bytes(4, "little") + b"AVI " + bytes(50))
+    assert not is_cut(path)
