@@ -1,19 +1,18 @@
-"""Stage `report`: all variants next to the paper's tables; the best one becomes champion."""
+"""Stage `report`: all variants next to the paper's tables; the best one is registered."""
 
+from functools import partial
 from pathlib import Path
 
-from shaftpose.core.shards import ShardedDataset
-from shaftpose.dataset.split import read_keys
-from shaftpose.metrics.metrics import constant_predictor
 from shaftpose.report import writing
-from shaftpose.report.ablation import AblationReport, choose_champion
+from shaftpose.report.ablation import AblationReport
+from shaftpose.report.champion import choose_champion, is_better, version_tags
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_domain
 from shaftpose.tracking.connection import connect
-from shaftpose.tracking.models import register_champion
+from shaftpose.tracking.registry import register_candidate
 
-RESULTS, SPLIT = Path("data/results"), Path("data/split")
+RESULTS, SPLIT, IMAGES = Path("data/results"), Path("data/split"), Path("data/render/images")
 
 
 @stage
@@ -21,19 +20,20 @@ def main(settings: Settings) -> None:
     """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
     evaluations = writing.read_evaluations(RESULTS, settings.variants)
     silhouettes = writing.read_silhouettes(RESULTS, settings.variants)
-    shards = ShardedDataset(Path("data/render/images"))
-    train, test = (writing.annotations(shards, read_keys(SPLIT, p)) for p in ("train", "test"))
+    margin = settings.report.champion_margin
     report = AblationReport(
         rows=writing.all_rows(evaluations, silhouettes),
-        constant=constant_predictor(train, test),
+        constant=writing.constant_metrics(IMAGES, SPLIT),
         domain_label=read_domain(Path("data/real")),
-        champion=choose_champion(evaluations, settings.report.champion_margin),
+        champion=choose_champion(evaluations, margin),
         profile=settings.profile,
     )
     writing.write_report(report, evaluations, settings.out)
     name, rule = report.champion.variant, report.champion.rule
+    tags, training = version_tags(settings, evaluations[name]), evaluations[name].training
     connect(settings.tracking.uri, settings.tracking.experiment)
-    register_champion(evaluations[name].training.training_id, name, rule)
+    better = partial(is_better, tags, margin=margin)
+    register_candidate(training.training_id, name, rule, tags, better)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,10 @@ import mlflow
 import numpy as np
 
 from shaftpose.tracking.connection import connect
-from shaftpose.tracking.models import log_model, register_champion, registered_model
+from shaftpose.tracking.models import log_model, registered_model
 from shaftpose.tracking.trainings import log_results, training_run
 from tests.servers import BIN, free_port, server
+from tests.tracking.registering import register
 
 
 def main(model: Path, folder: Path) -> None:
@@ -41,7 +42,7 @@ def work(uri: str, model: Path, folder: Path) -> None:
         mlflow.log_metric("training/loss", 3.0)
     log_results("id-1", "d", {"mAP": 0.5}, {})
     log_model("id-1", "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
-    register_champion("id-1", "d", "the rule")
+    register("id-1")
     os.chdir(second)
     os.environ["MLFLOW_TRACKING_URI"] = uri
     (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")

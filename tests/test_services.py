@@ -14,8 +14,9 @@ import pytest
 from shaftpose.core.images import centre_square, read_rgb
 from shaftpose.inference.model_files import DEFAULT, bundled_model
 from shaftpose.inference.predictor import Predictor
-from shaftpose.tracking.models import log_model, register_champion
+from shaftpose.tracking.models import log_model
 from tests.servers import BIN, free_port, server
+from tests.tracking.registering import register
 
 ROOT = Path(__file__).parents[1]
 FRAME = ROOT / "src/shaftpose/inference/demo_frame.jpg"
@@ -26,7 +27,7 @@ def test_mlflows_server_answers_as_the_model_does(
 ) -> None:
     image = centre_square(read_rgb(FRAME), 299)[None]
     log_model("id-1", "e", bundled_model(DEFAULT), image)
-    register_champion("id-1", "e", "the rule")
+    register("id-1")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{store / 'mlflow.db'}")
     # The server starts a second process by the name `python`.
     monkeypatch.setenv("PATH", f"{BIN}{os.pathsep}{os.environ['PATH']}")

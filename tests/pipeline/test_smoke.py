@@ -77,8 +77,9 @@ def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None
         assert re.fullmatch(r"[0-9a-f]{32}(\.dir)?", run.data.tags["dataset.data/render"])
         assert {"raw/mAP", "training/loss", "raw/rendered/clear/iou"} <= run.data.metrics.keys()
         assert any(name.startswith("system/") for name in run.data.metrics)
-    champion = mlflow.MlflowClient().get_model_version_by_alias("shaftpose", "champion")
-    model = mlflow.onnx.load_model(f"models:/shaftpose/{champion.version}")
+    client = mlflow.MlflowClient()
+    assert client.get_registered_model("shaftpose").aliases.keys() == {"candidate"}
+    model = mlflow.onnx.load_model("models:/shaftpose@candidate")
     assert [output.name for output in model.graph.output][:3] == ["boxes", "scores", "poses"]
 
 

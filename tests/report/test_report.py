@@ -19,7 +19,8 @@ from shaftpose.metrics.summary import ErrorSummary, Summary
 from shaftpose.origin import Origin
 from shaftpose.report import page as texts
 from shaftpose.report import paper_numbers
-from shaftpose.report.ablation import AblationReport, Champion, VariantRow
+from shaftpose.report.ablation import AblationReport, VariantRow
+from shaftpose.report.champion import Champion
 from shaftpose.report.page import to_json, to_markdown
 
 METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}

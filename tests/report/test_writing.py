@@ -9,7 +9,8 @@ from shaftpose.core.files import write_json
 from shaftpose.evaluation.results import Silhouettes
 from shaftpose.metrics.image_metrics import SilhouetteScore
 from shaftpose.report import writing
-from shaftpose.report.ablation import AblationReport, Champion, VariantRow, variant_rows
+from shaftpose.report.ablation import AblationReport, VariantRow, variant_rows
+from shaftpose.report.champion import Champion
 from tests.evaluations import accuracy, evaluation, with_real
 
 # Text after a variant's title in the legends.

@@ -11,7 +11,8 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.metrics.binned_errors import BINS, ErrorBin
 from shaftpose.metrics.pose_errors import FoundInstruments
-from shaftpose.report.ablation import AblationReport, Champion, VariantRow
+from shaftpose.report.ablation import AblationReport, VariantRow
+from shaftpose.report.champion import Champion
 from shaftpose.report.page import to_json
 from shaftpose.stage_files import MixedInImages
 from studies import write_results_page as results_page

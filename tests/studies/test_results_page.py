@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.report.ablation import AblationReport, Champion, VariantRow
+from shaftpose.report.ablation import AblationReport, VariantRow
+from shaftpose.report.champion import Champion
 from studies import write_results_page as results_page
 from studies.write_results_page import readme_table
 

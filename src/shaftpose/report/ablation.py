@@ -1,6 +1,5 @@
-"""The content of the report: a row for each variant, and the choice of the champion."""
+"""The content of the report: a row for each variant, and the best of them."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 
@@ -11,6 +10,7 @@ from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.summary import Summary
 from shaftpose.metrics.table import MetricValues
 from shaftpose.origin import Origin
+from shaftpose.report.champion import Champion
 from shaftpose.report.paper_numbers import TABLE_I, PaperRow
 from shaftpose.stage_files import REAL, STAND_IN
 
@@ -73,15 +73,6 @@ class VariantRow:
         title = TABLE_I[self.variant].title if self.variant in TABLE_I else self.title
         parts = [*(title or self.variant).split(" + "), *(["fit"] if self.refined else [])]
         return " + ".join(domain if part == REAL else part for part in parts)
-
-
-@dataclass(frozen=True)
-class Champion:
-    """The variant chosen for deployment, whether with refined poses, and the rule as a sentence."""
-
-    variant: str
-    refined: bool
-    rule: str
 
 
 @dataclass(frozen=True)
@@ -152,25 +143,3 @@ def _row(name: str, evaluation: Evaluation, accuracy: Accuracy) -> VariantRow:
         data=(training.data.digest, *([mixed_in.digest] if mixed_in else [])),
         origin=evaluation.origin,
     )
-
-
-def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Champion:
-    """The variant with the lowest tip error among those whose mAP is within `margin` of the best.
-
-    Both are those on the validation images: a choice by test metrics would bias these metrics. A
-    variant that detected no instrument has no tip error and comes last.
-    """
-    validation = {name: one.validation for name, one in evaluations.items()}
-    precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
-    close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
-    tips = {name: validation[name].get("tip_mm") for name in close}
-    far = {name: math.inf if tip is None else tip for name, tip in tips.items()}
-    chosen = min(close, key=far.__getitem__)
-    return Champion(
-        chosen,
-        evaluations[chosen].refined is not None,
-        "lowest mean tip error among the variants whose mAP is within "
-        f"{margin:g} of the best, both on the validation images, where it has "
-        + ", ".join(f"{name} {value:.3g}" for name, value in sorted(validation[chosen].items())
-                    if name in ("mAP", "tip_mm") and value is not None),
-    )  # fmt: skip

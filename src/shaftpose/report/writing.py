@@ -9,13 +9,15 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from shaftpose.core.files import new_file
-from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.split import read_keys
 from shaftpose.evaluation.results import Accuracy, Evaluation, Silhouettes
 from shaftpose.figures.accuracy_figures import precision_recall_figure
 from shaftpose.figures.style import save_figure
 from shaftpose.figures.variant_figures import binned_error_figure, learning_curve_figure
 from shaftpose.metrics.detection.precision_recall import PrecisionRecall
+from shaftpose.metrics.metrics import constant_predictor
+from shaftpose.metrics.table import MetricValues
 from shaftpose.report.ablation import AblationReport, VariantRow, variant_rows
 from shaftpose.report.ablation_figure import ablation_figure
 from shaftpose.report.page import to_html, to_json, to_markdown
@@ -50,9 +52,14 @@ def read_silhouettes(folder: Path, variants: Sequence[str]) -> dict[str, Silhoue
     }
 
 
-def annotations(shards: ShardedDataset, keys: Sequence[str]) -> list[Annotations]:
-    """Annotations of rendered images."""
-    return [shards.annotations(key) for key in tqdm(keys, "reading poses", unit="image")]
+def constant_metrics(images: Path, split: Path) -> MetricValues:
+    """Metrics of the constant predictor on the test images."""
+    shards = ShardedDataset(images)
+    train, test = (
+        [shards.annotations(key) for key in tqdm(read_keys(split, part), f"reading {part} poses")]
+        for part in ("train", "test")
+    )
+    return constant_predictor(train, test)
 
 
 def write_report(report: AblationReport, evaluations: Mapping[str, Evaluation], out: Path) -> None:

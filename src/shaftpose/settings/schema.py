@@ -391,7 +391,7 @@ class DetectionSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class ReportSettings:
-    """How the champion is chosen: see `shaftpose.report.ablation`."""
+    """How the champion is chosen: see `shaftpose.report.champion`."""
 
     champion_margin: NotNegative
 

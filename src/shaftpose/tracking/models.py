@@ -1,6 +1,5 @@
-"""Exported models in MLflow: logged to their training's run, and the registered champion."""
+"""Exported models in MLflow: logged to their training's run, and downloaded for prediction."""
 
-import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,18 +9,11 @@ from tempfile import TemporaryDirectory
 import mlflow
 import numpy as np
 import onnx
-from mlflow.entities import LoggedModelStatus
-from mlflow.exceptions import MlflowException
 from mlflow.models import infer_signature
 
 from shaftpose.core.errors import InputError
 from shaftpose.tracking.connection import select_store, workspace
 from shaftpose.tracking.trainings import run_of
-
-logger = logging.getLogger(__name__)
-
-MODEL_NAME = "shaftpose"
-CHAMPION = "champion"
 
 
 def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> None:
@@ -41,25 +33,6 @@ def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> 
             signature=infer_signature({"image": example}, outputs),
             pip_requirements=["onnxruntime", "numpy"],
         )
-
-
-def register_champion(training_id: str, name: str, rule: str) -> None:
-    """Register the last exported model of a training and give it the alias `champion`.
-
-    If the run holds no model, because it was logged to another database, only warns.
-    """
-    client = mlflow.MlflowClient()
-    model = _last_model(client, run_of(training_id, name))
-    if model is None:
-        logger.warning(
-            "%s: this MLflow database lacks its model; run `dvc repro -s -f export`", name
-        )
-        return
-    if _champion(client) == model:
-        return
-    version = mlflow.register_model(model, MODEL_NAME)
-    client.update_model_version(MODEL_NAME, version.version, f"{name}: {rule}")
-    client.set_registered_model_alias(MODEL_NAME, CHAMPION, version.version)
 
 
 @contextmanager
@@ -88,26 +61,3 @@ def registered_model(name: str) -> Iterator[Path]:
         if not model.is_file():
             raise InputError(f"mlflow:/{name}: has no model.onnx; name a model of the pipeline")
         yield model
-
-
-def _last_model(client: mlflow.MlflowClient, run_id: str) -> str | None:
-    """The URI of the last model logged to a run, None if it has none; each export logs one.
-
-    Deleted models and incomplete uploads do not count.
-    """
-    run = client.get_run(run_id)
-    found = client.search_logged_models(
-        [run.info.experiment_id],
-        filter_string=f"source_run_id = '{run_id}'",
-        order_by=[{"field_name": "creation_timestamp", "ascending": False}],
-    )
-    whole = [model.model_id for model in found if model.status == LoggedModelStatus.READY]
-    return f"models:/{whole[0]}" if whole else None
-
-
-def _champion(client: mlflow.MlflowClient) -> str | None:
-    """The URI of the current champion, None if there is none."""
-    try:
-        return str(client.get_model_version_by_alias(MODEL_NAME, CHAMPION).source)
-    except MlflowException:  # no champion yet
-        return None

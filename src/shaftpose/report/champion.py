@@ -1,0 +1,74 @@
+"""The choice of the best variant, and what the model registry says of it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from shaftpose.evaluation.results import Evaluation
+from shaftpose.metrics.table import MetricValues
+from shaftpose.settings.tree import Settings
+
+MERITS = ("mAP", "tip_mm")
+
+
+@dataclass(frozen=True)
+class Champion:
+    """The variant chosen for deployment, whether with refined poses, and the rule as a sentence."""
+
+    variant: str
+    refined: bool
+    rule: str
+
+
+def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Champion:
+    """The best variant on the validation images: a choice by test metrics would bias these."""
+    validation = {name: one.validation for name, one in evaluations.items()}
+    chosen = best_of(validation, margin)
+    return Champion(
+        chosen,
+        evaluations[chosen].refined is not None,
+        "lowest mean tip error among the variants whose mAP is within "
+        f"{margin:g} of the best, both on the validation images, where it has "
+        + ", ".join(f"{name} {value:.3g}" for name, value in _merits(validation[chosen]).items()),
+    )
+
+
+def best_of(validation: Mapping[str, MetricValues], margin: float) -> str:
+    """The name with the lowest tip error among those whose mAP is within `margin` of the best.
+
+    Whoever detected no instrument has no tip error and comes last; of equals, the first is taken.
+    """
+    precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
+    close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
+    tips = {name: validation[name].get("tip_mm") for name in close}
+    far = {name: math.inf if tip is None else tip for name, tip in tips.items()}
+    return min(close, key=far.__getitem__)
+
+
+def _merits(validation: MetricValues) -> dict[str, float]:
+    return {name: value for name in MERITS if (value := validation.get(name)) is not None}
+
+
+def version_tags(settings: Settings, evaluation: Evaluation) -> dict[str, str]:
+    """What the registry states of a model.
+
+    dataset: digest of the rendered images and their split; mAP, tip_mm: on the validation images.
+    """
+    shaft, camera = settings.shaft, settings.camera
+    shape = shaft.cad.file.name if shaft.cad else f"{shaft.diameter_mm:g} mm, {shaft.tip}"
+    return {
+        "profile": settings.profile,
+        "dataset": evaluation.training.data.digest,
+        "commit": evaluation.origin.commit if evaluation.origin else "",
+        "shaft": shape,
+        "camera": f"{camera.size_px} px, {camera.view_deg:g} deg",
+    } | {name: f"{value:.6g}" for name, value in _merits(evaluation.validation).items()}
+
+
+def is_better(tags: Mapping[str, str], other: Mapping[str, str], margin: float) -> bool:
+    """Whether the model with `tags` is better than the `other`, by the rule of `best_of`."""
+    known = {
+        name: {merit: float(one[merit]) for merit in MERITS if merit in one}
+        for name, one in (("other", other), ("this", tags))
+    }
+    return best_of(known, margin) == "this"
