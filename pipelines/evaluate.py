@@ -30,7 +30,7 @@ def main(settings: Settings) -> None:
     figures = results[-1].write_figures(settings.out / "figures", name)
     curves = read_curves(model / "curves.csv")
     result = evaluation(settings, training, curves, validation, *results)
-    write_json(settings.out / "metrics.json", result.metrics())
+    write_json(settings.out / "metrics.json", result.headlines(name))
     write_json(settings.results / "evaluation.json", asdict(result))
     connect(settings.tracking.uri, settings.tracking.experiment)
     log_results(training.training_id, name, result.metrics(), figures)

@@ -19,7 +19,7 @@ from shaftpose.tracking.trainings import log_results
 
 @stage
 def main(settings: Settings) -> None:
-    """Write `silhouette.json` and pictures to `out`, and the scores also to `results`."""
+    """Write pictures to `out`, and the report's input to `results`."""
     render = SilhouetteRenderer(settings.rendering)
     predictors = raw_and_refined_predictors(
         settings.model_folder / "model.onnx", settings.detection.refine
@@ -29,8 +29,7 @@ def main(settings: Settings) -> None:
     unposed, camera = Path("data/real"), middle_camera(settings.rendering)
     sets = masked_images(Path("data/render"), unposed, read_domain(unposed), camera)
     scores, pictures = compare_silhouettes(predictors, confidences, render, sets, settings.out)
-    for folder in (settings.out, settings.results):
-        write_json(folder / "silhouette.json", asdict(scores))
+    write_json(settings.results / "silhouette.json", asdict(scores))
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = read_training(settings.model_folder).training_id
     log_results(training_id, settings.variant.name, scores.rates(), pictures)

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import tarfile
 import tomllib
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import cv2
 import pytest
+
+from tests.pipeline.conftest import copy_tracked
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src"
@@ -23,6 +26,7 @@ HEAVY = [
     "mlflow", "omegaconf", "onnx", "onnxscript", "openvino", "psutil", "pydantic", "rerun", "torch",
     "trimesh", "yaml",
 ]  # fmt: skip
+NOT_PACKED = (".github/", ".dvc/", "data/.gitkeep")  # of use in a Git repository only
 # Import name -> distribution, where the names differ or the distribution pins the imported one.
 PACKAGES = {
     "cv2": "opencv-python-headless", "dask": "distributed", "hydra": "hydra-core",
@@ -199,3 +203,27 @@ def named(node: ast.AST) -> Iterator[str]:
 def module_file(name: str) -> Path | None:
     path = SOURCE.joinpath(*name.split(".")).with_suffix(".py")
     return path if path.is_file() else None
+
+
+def test_the_source_distribution_is_complete(tmp_path: Path) -> None:
+    clone, out = tmp_path / "clone", tmp_path / "out"
+    copy_tracked(ROOT, clone)
+    (clone / "src/shaftpose/rendering/__pycache__").mkdir()
+    (clone / "src/shaftpose/rendering/__pycache__/scene.pyc").touch()
+    build = f"from setuptools.build_meta import build_sdist; build_sdist({str(out)!r})"
+    subprocess.run([sys.executable, "-c", build], cwd=clone, check=True, capture_output=True)
+    with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
+        packed = {name.partition("/")[2] for name in archive.getnames()}
+    listed = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    tracked = {name for name in listed.stdout.splitlines() if (ROOT / name).is_file()}
+    assert {name for name in tracked - packed if not name.startswith(NOT_PACKED)} == set()
+    assert not [name for name in packed if name.endswith(".pyc")]
+
+
+def test_an_index_gets_a_description_without_links_into_the_clone() -> None:
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / PROJECT["readme"]).read_text())
+    assert all(link.startswith("https://") for link in links)
+    assert {"authors", "classifiers", "urls"} <= PROJECT.keys()

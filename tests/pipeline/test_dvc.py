@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -224,3 +225,45 @@ def test_the_trainer_is_the_one_that_conf_chooses() -> None:
     (chosen,) = [entry["trainer"] for entry in defaults if "trainer" in entry]
     listed = set(re.findall(r"conf/trainer/(\w+)\.yaml", (ROOT / "dvc.yaml").read_text()))
     assert listed == {chosen}
+
+
+def test_git_ignores_what_dvc_caches() -> None:
+    """Else DVC writes a file `.gitignore` of its own and asks to add it, which Git refuses."""
+    cached = [
+        entry.replace("${item.variant}", "d")
+        for stage in STAGES
+        for kind in WRITTEN
+        for entry in entries(stage, kind)
+        if isinstance(entry, str)
+    ]
+    command = ["git", "check-ignore", "--no-index", "--stdin"]
+    found = subprocess.run(
+        command, input="\n".join(cached), cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert set(found.stdout.splitlines()) == set(cached)
+    kept = sorted(paths_kept())
+    assert subprocess.run([*command[:-1], *kept], cwd=ROOT, capture_output=True).returncode == 1
+
+
+def paths_kept() -> set[str]:
+    """What Git holds of the stages' results."""
+    listed = (entry for stage in STAGES for kind in WRITTEN for entry in entries(stage, kind))
+    found = {path for entry in listed if isinstance(entry, dict) for path in entry}
+    tables = {f"reports/plots/{name}.csv" for name in ("variants", "mAP", "tip_mm", "axis_deg")}
+    return {path.replace("${item.variant}", "d") for path in found - {"reports/plots"}} | tables
+
+
+def test_the_page_draws_the_stages_as_dvc_does() -> None:
+    """`dvc dag --md`, with one node for all variants of a stage."""
+    page = (ROOT / "docs/pipeline.md").read_text()
+    drawn = set(re.findall(r"(\w+) --> (\w+)", page))
+    made = {stage: {out for kind in WRITTEN for out in paths(stage, kind)} for stage in STAGES}
+    edges = {
+        (maker, stage)
+        for stage in STAGES
+        for maker, outs in made.items()
+        for dep in paths(stage, "deps")
+        for out in outs
+        if f"{dep}/".startswith(f"{out}/") or f"{out}/".startswith(f"{dep}/")
+    }
+    assert drawn == edges, "\n".join(f"    {a} --> {b}" for a, b in sorted(edges))

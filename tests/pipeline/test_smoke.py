@@ -124,6 +124,22 @@ def test_changed_variant_runs_alone(finished: Path, run: Run) -> None:
     assert stages == ["train@d_noise"]
 
 
+def test_experiments_are_compared_within_a_terminals_width(finished: Path, run: Run) -> None:
+    replace_in(finished / "params.yaml", "alpha: 1.5", "alpha: 0.5")
+    saved = run("dvc", "exp", "save", "--force", "--name", "adjective-noun")
+    replace_in(finished / "params.yaml", "alpha: 0.5", "alpha: 1.5")
+    assert saved.returncode == 0, saved.stderr[-3000:]
+    page = (finished / "docs/sweeps.md").read_text()
+    (command,) = re.findall("^dvc exp show .+$", page, re.MULTILINE)
+    shown = run("bash", "-ec", command).stdout.splitlines()
+    assert max(map(len, shown)) <= 120
+    assert shown[1].split() == [
+        "Experiment", "mAP", "x_mm", "y_mm", "z_mm", "tip_mm", "axis_deg", "iou",
+        "params.yaml:loss.alpha",
+    ]  # fmt: skip
+    assert [line.split()[-1] for line in shown[3:6]] == ["1.5", "1.5", "0.5"]
+
+
 def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run) -> None:
     result = run("python", "pipelines/train.py", "-m", "variant=c", "loss.alpha=0.5,2.0")
     assert result.returncode == 0, result.stderr[-3000:]

@@ -8,9 +8,11 @@ from shaftpose.metrics.binned_errors import ErrorBin
 from shaftpose.metrics.image_metrics import SilhouetteScore
 from shaftpose.metrics.pose_errors import FoundInstruments
 from shaftpose.metrics.summary import Summary
-from shaftpose.metrics.table import MetricValues, metrics_named
+from shaftpose.metrics.table import MetricValues, metrics_named, metrics_of
 from shaftpose.origin import Origin
 from shaftpose.stage_files import TrainingRecord
+
+HEADLINES = metrics_of("detection", "pose")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,11 @@ class Evaluation:
     def metrics(self) -> dict[str, MetricValues]:
         """Metrics by kind of poses."""
         return {kind: accuracy.metrics for kind, accuracy in self.by_kind.items()}
+
+    def headlines(self, name: str) -> MetricValues:
+        """The metrics for DVC's tables, of refined poses if there are any, as `name/mAP`."""
+        metrics = (self.refined or self.raw).metrics
+        return {f"{name}/{one.name}": metrics.get(one.name) for one in HEADLINES}
 
 
 @dataclass(frozen=True)

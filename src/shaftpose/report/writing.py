@@ -20,6 +20,7 @@ from shaftpose.metrics.metrics import constant_predictor
 from shaftpose.metrics.table import MetricValues
 from shaftpose.report.ablation import AblationReport, VariantRow, variant_rows
 from shaftpose.report.ablation_figure import ablation_figure
+from shaftpose.report.dvc_tables import write_dvc_tables
 from shaftpose.report.page import to_html, to_json, to_markdown
 from shaftpose.stage_files import read_stage_file
 
@@ -63,7 +64,8 @@ def constant_metrics(images: Path, split: Path) -> MetricValues:
 
 
 def write_report(report: AblationReport, evaluations: Mapping[str, Evaluation], out: Path) -> None:
-    """Write `ablation.md`, `.json`, `.html` and `figures/` to `out`."""
+    """Write `ablation.md`, `.json`, `.html`, `figures/` and the tables for DVC to `out`."""
+    write_dvc_tables(report, evaluations, out)
     figures = {}
     for title, figure in report_figures(report, evaluations).items():
         figures[title] = out / "figures" / f"{title.lower().replace(' ', '_')}.png"
