@@ -423,16 +423,16 @@ def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> Non
 def test_check_says_what_prediction_needs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # At the model's 137 px, 640 and 480 px of 240 px.
+    # 480 px become 299.
     calibration = tmp_path / "cam.yaml"
     calibration.write_text(PINHOLE)
     main(["check", "--camera", str(calibration)])
     printed = capsys.readouterr().out
     assert "this machine can predict" in printed
-    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 365 x 273" in (
+    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 398 x 299" in (
         printed
     )
-    assert "1.8 px of the frame in one; to train" in printed
+    assert "1.6 px of the frame in one; to train" in printed
     assert "set camera.view_deg to 90.0\n" in printed
     monkeypatch.setitem(sys.modules, "tqdm", None)
     with pytest.raises(SystemExit, match="^error: cannot predict here: packages; see"):
@@ -448,7 +448,7 @@ def test_check_takes_another_model(
     main(["check", "--camera", str(calibration), "--model", "laparoscopy"])
     printed = capsys.readouterr().out
     assert re.search(r"^model: laparoscopy, \d+ images of 299 px per second$", printed, re.M)
-    assert "laparoscopy sees them as 625 x 469 px, 1 px of the frame in one; to train" in printed
+    assert "laparoscopy sees them as 398 x 299 px, 1.6 px of the frame in one; to train" in printed
     model.write_bytes(b"no model")
     with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):
         main(["check", "--model", str(model)])

@@ -41,7 +41,7 @@ METADATA = ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat")
 def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
     view = whole_frame(2 * SIDE, 2 * SIDE, MODEL)
     found = convex_mask(outline_px(pose, SHAFT, view), (2 * SIDE, 2 * SIDE))
-    seen = np.isfinite(cylinder_depth(MODEL.enlarged(2), pose, 3.0, 150.0))
+    seen = np.isfinite(cylinder_depth(view.camera.enlarged(2), pose, 3.0, 150.0))
     assert (found & seen).sum() / (found | seen).sum() > 0.97
 
 

@@ -15,6 +15,7 @@ from shaftpose.inference.model_files import DEFAULT, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.views import (
+    ASSUMED_VIEW_DEG,
     Crop,
     Views,
     known_camera,
@@ -106,14 +107,14 @@ def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool)
             "which none of the options can state."
         )
     elif camera_unknown:
+        assumed_deg = ASSUMED_VIEW_DEG if predictor.takes_any_size else metadata.view_deg
         unknown.append(
-            f"The model was trained for a camera of {metadata.view_deg:g} deg: state yours "
-            "(--camera or --view-deg)."
+            f"A camera of {assumed_deg:g} deg is assumed: state yours (--camera or --view-deg)."
         )
     # An instrument from a CAD file has no diameter: the model knows no other instrument.
     if diameter_unknown and metadata.shaft_diameter_mm is not None:
         unknown.append(
-            f"It was trained for shafts of {metadata.shaft_diameter_mm:g} mm: state yours "
+            f"The model was trained for shafts of {metadata.shaft_diameter_mm:g} mm: state yours "
             "(--diameter-mm)."
         )
     return unknown

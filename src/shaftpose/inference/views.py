@@ -27,6 +27,9 @@ _SQUARES_ALONE = (
     "this model sees squares: of other frames, it looks at the central square alone; name another "
     "part by --crop"
 )
+# Of an unknown camera, across its frames' shorter sides: a usual scope's. The wider the angle, the
+# more a shaft widens towards its near end.
+ASSUMED_VIEW_DEG = 65.0
 _LEAST_PX, _LONGEST_ASPECT = 64, 4.0  # of frames that networks of any size see whole
 
 
@@ -94,14 +97,16 @@ def central_square(width: int, height: int, model: Camera) -> Scaled:
 
 
 def whole_frame(width: int, height: int, model: Camera) -> Scaled:
-    """The whole frame, its shorter side scaled to the training images'.
+    """The whole frame, its shorter side scaled to the training images', of a camera that sees
+    `ASSUMED_VIEW_DEG`.
 
     Raises InputError if the frame is too small or too long.
     """
     check_frame(width, height)
-    scale = model.width / min(width, height)
-    size = round(scale * width), round(scale * height)
-    camera = Camera(*size, model.focal_px, size[0] / 2, size[1] / 2)
+    side = model.width
+    size = round(side * width / min(width, height)), round(side * height / min(width, height))
+    focal_px = Camera.from_field_of_view(side, side, ASSUMED_VIEW_DEG).focal_px
+    camera = Camera(*size, focal_px, size[0] / 2, size[1] / 2)
     return Scaled(np.zeros(2), np.array([width, height]), camera)
 
 
