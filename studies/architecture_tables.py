@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from hydra.utils import instantiate
 from torch import nn
 from torch.nn.functional import one_hot
 from torch.utils.flop_counter import FlopCounterMode
@@ -19,7 +18,7 @@ from shaftpose.core.errors import exit_on_input_error
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.metrics.table import metrics_of
-from shaftpose.network.building import build_network
+from shaftpose.network.building import build_network, built
 from shaftpose.network.ssd.default_boxes import BOXES_PER_CELL
 from shaftpose.network.ssd.heads import BOX_OFFSETS, CLASSES
 from shaftpose.network.ssd.inception_v4 import (
@@ -195,7 +194,7 @@ def build(variant: str, width: float, depth: float) -> SingleShotNetwork:
 def pose_coder(variant: str) -> PoseCoder:
     """The pose coder of a variant for the ranges of params.yaml."""
     chosen = settings("paper", f"variant={variant}")
-    make: Callable[..., PoseCoder] = instantiate(chosen.variant.network["pose_coder"])
+    make: Callable[..., PoseCoder] = built(chosen.variant.network["pose_coder"])
     ranges = chosen.rendering.poses
     return make(ranges.low, ranges.high)
 

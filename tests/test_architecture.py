@@ -42,11 +42,7 @@ OWNERS = {
     "distributed": ("src/shaftpose/farm/",),
     "dask_jobqueue": ("src/shaftpose/farm/cluster.py",),
     "mlflow": ("src/shaftpose/tracking/",),
-    "hydra": (
-        "src/shaftpose/settings/",
-        "src/shaftpose/tracking/sweep_callback.py",
-        "src/shaftpose/network/building.py",
-    ),
+    "hydra": ("src/shaftpose/settings/", "src/shaftpose/tracking/sweep_callback.py"),
     "torch": tuple(
         f"src/shaftpose/{folder}/" for folder in ("dataset", "network", "training", "export")
     ),

@@ -1,9 +1,9 @@
 """Building a variant's network from its file."""
 
+from functools import partial
 from pathlib import Path
-
-from hydra.errors import InstantiationException
-from hydra.utils import instantiate
+from pkgutil import resolve_name
+from typing import Any
 
 from shaftpose.core.errors import InputError
 from shaftpose.network.checkpoint import Identity, load_network_weights, start_from_detector
@@ -28,11 +28,23 @@ def build_network(variant: Variant) -> PoseNetwork:
     Raises InputError naming the file if an argument there is wrong.
     """
     try:
-        network: PoseNetwork = instantiate(variant.network, loss=variant.loss, _convert_="all")
-    except InstantiationException as error:
-        reason = " ".join(str(error.__cause__ or error).split())  # may have several lines
+        network: PoseNetwork = built({**variant.network, "loss": variant.loss})
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        reason = " ".join(str(error).split())  # may have several lines
         raise InputError(f"conf/variant/{variant.name}.yaml: {reason}") from error
     return network
+
+
+def built(described: Any) -> Any:
+    """The object that a class or function, `_target_`, makes of its arguments, which are described
+    alike; other values as they are. With `_partial_`, the call that is still to be made."""
+    if not isinstance(described, dict):
+        return described
+    values = {name: built(value) for name, value in described.items()}
+    if "_target_" not in values:
+        return values
+    target, waits = resolve_name(values.pop("_target_")), values.pop("_partial_", False)
+    return partial(target, **values) if waits else target(**values)
 
 
 def initial_network(variant: Variant) -> PoseNetwork:

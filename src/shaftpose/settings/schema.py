@@ -56,7 +56,7 @@ def _names_a_class(values: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-# `_target_` and arguments, from which Hydra builds an object.
+# `_target_` and arguments, of which `shaftpose.network.building` makes an object.
 Component = Annotated[dict[str, Any], AfterValidator(_names_a_class)]
 
 
