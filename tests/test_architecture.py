@@ -135,7 +135,7 @@ def test_nobody_in_the_package_imports_pipelines_or_studies() -> None:
 @pytest.mark.parametrize(
     ("module", "missing"),
     [
-        ("training.assembly", ("bpy", "dvc", "mlflow")),
+        ("training.bare", ("bpy", "dvc", "mlflow", "hydra", "omegaconf", "onnx")),
         ("dataset.training_data", ("bpy", "dvc", "mlflow")),
         ("inference.predictor", ("torch", "lightning", "bpy", "dvc", "mlflow", "hydra")),
         ("cli.predict", ("torch", "lightning", "bpy", "dvc", "mlflow", "hydra", "pydantic")),

@@ -4,12 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import UNKNOWN
 from shaftpose.core.samples import sample_key
 from shaftpose.dataset.compressed_masks import CompressedMask
-from shaftpose.dataset.labelled_images import RenderedImages
-from tests.dataset.small_images import BOX, SIZE, coco_images, write_shard
+from shaftpose.dataset.labelled_images import ImagesInMemory, RenderedImages
+from tests.dataset.small_images import BOX, RENDERED, SIZE, coco_images, write_shard
 
 
 def test_rendered_images_are_the_chosen_ones(tmp_path: Path) -> None:
@@ -21,6 +23,20 @@ def test_rendered_images_are_the_chosen_ones(tmp_path: Path) -> None:
     assert annotations.poses is not None
     assert annotations.poses.tolist() == [[3, -2, 20, 70, 123]]
     assert images[1][1].boxes.shape == (0, 4)
+
+
+def test_images_in_memory_are_the_images(tmp_path: Path) -> None:
+    images = ImagesInMemory.of(RENDERED)
+    assert len(images) == 30
+    assert [int(images[n][0][0, 0, 0]) for n in range(30)] == list(range(30))
+    assert images[3][0] is images[3][0]
+
+
+def test_a_damaged_image_in_memory_is_named_when_it_is_asked_for(tmp_path: Path) -> None:
+    images = ImagesInMemory.of(RenderedImages(write_shard(tmp_path, 2), [sample_key(1), "gone"]))
+    assert images[0][1].boxes.tolist() == [BOX]
+    with pytest.raises(InputError, match="gone"):
+        images[1]
 
 
 def test_real_images_have_boxes_and_no_poses(tmp_path: Path) -> None:

@@ -68,6 +68,7 @@ DETERMINES: dict[str, set[str]] = {
     "loss.alpha": PAPERS,
     "training": TRAININGS,
     "training.loader_workers": set(),
+    "training.images_in_memory": set(),
     "training.checkpoint_minutes": set(),
     "training.max_hours": set(),
     "detection": set(),

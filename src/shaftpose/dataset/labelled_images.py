@@ -2,12 +2,15 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch.utils.data import Dataset
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import OUTSIDE, TOOL, UNKNOWN, Annotations
 from shaftpose.core.shards import ShardedDataset
@@ -21,6 +24,40 @@ class Images(Dataset[LabelledImage], ABC):
     @abstractmethod
     def __len__(self) -> int:
         """The number of images."""
+
+
+@dataclass(frozen=True)
+class ImagesInMemory(Images):
+    """Images that were all read at once, for loader processes that share memory with this one.
+
+    items: an image, or the error that reading it has raised and asking for it raises again.
+    """
+
+    items: Sequence[LabelledImage | InputError]
+
+    @classmethod
+    def of(cls, images: Images) -> Self:
+        """Read all images; OpenCV decodes those of several threads at the same time."""
+
+        def read(index: int) -> LabelledImage | InputError:
+            try:
+                return images[index]
+            except InputError as error:
+                return error
+
+        with ThreadPoolExecutor() as pool:
+            return cls(list(pool.map(read, range(len(images)))))
+
+    def __len__(self) -> int:
+        """The number of images."""
+        return len(self.items)
+
+    def __getitem__(self, index: int) -> LabelledImage:
+        """Image `index` and its annotations, which no one may change."""
+        item = self.items[index]
+        if isinstance(item, InputError):
+            raise item
+        return item
 
 
 @dataclass(frozen=True)

@@ -338,6 +338,7 @@ class TrainingSettings:
     """How a network is trained."""
 
     loader_workers: Count | None
+    images_in_memory: bool
     checkpoint_minutes: NotNegative
     max_hours: Positive | None
     on_damaged: Literal["stop", "skip"]

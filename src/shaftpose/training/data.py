@@ -7,7 +7,13 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
-from shaftpose.dataset.labelled_images import CocoFrames, CocoImages, Images, RenderedImages
+from shaftpose.dataset.labelled_images import (
+    CocoFrames,
+    CocoImages,
+    Images,
+    ImagesInMemory,
+    RenderedImages,
+)
 from shaftpose.dataset.split import read_keys
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream, Transform
@@ -45,13 +51,17 @@ def training_data(
     """
     settings, size, variant = recipe.training, recipe.size, recipe.variant
     shards, side_px = ShardedDataset(folders.rendered), recipe.camera.size_px
+    rendered: Images = RenderedImages(shards, read_keys(folders.split, "train"), with_instances)
     mixed_in: Images | None = None
     if variant.real_share > 0 and variant.views:
         mixed_in = CocoFrames(folders.mixed_in_images(), round(_FRAME_DENSITY * side_px))
     elif variant.real_share > 0:
         mixed_in = CocoImages(folders.mixed_in_images(), side_px, with_instances)
+    if settings.images_in_memory:
+        rendered = ImagesInMemory.of(rendered)
+        mixed_in = None if mixed_in is None else ImagesInMemory.of(mixed_in)
     stream = TrainingStream(
-        rendered=RenderedImages(shards, read_keys(folders.split, "train"), with_instances),
+        rendered=rendered,
         mixed_in=mixed_in,
         mixed_in_share=variant.real_share,
         transforms=transforms(settings.augmentation, variant.noise),

@@ -91,7 +91,9 @@ class ShaftModule(LightningModule):
 
         Returns the detections as `boxes`, `scores` and `poses` (see `DecodedOutputs`).
         """
-        outputs = self._outputs(batch)
+        # A compiled network would be compiled again for it, which takes longer than it saves.
+        with torch.compiler.set_stance("force_eager"):
+            outputs = self._outputs(batch)
         terms = self.network.loss_terms(outputs, batch.targets)
         self._log_terms("validation", terms, len(batch.images))
         return self.network.detections(outputs, self.limits)._asdict()

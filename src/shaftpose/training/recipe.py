@@ -20,7 +20,7 @@ from shaftpose.settings.schema import (
 from shaftpose.settings.tree import Settings, check_image_size
 
 # Settings of a training that may change before it resumes.
-_FREE = {"loader_workers", "checkpoint_minutes", "max_hours"}
+_FREE = {"loader_workers", "images_in_memory", "checkpoint_minutes", "max_hours"}
 # Sizes that a training reads only as images, as the weights that it starts from, or, in the
 # variant's file, as arguments of its network.
 _SIZES_ELSEWHERE = {
