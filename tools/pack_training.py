@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("settings", nargs="*", help="Hydra's overrides")
     parser.add_argument("--wheels", type=Path, help="folder of wheels to be installed there")
     parser.add_argument("--piece-mib", type=int, default=40, help="size of a piece (40)")
-    arguments = parser.parse_args()
+    arguments = parser.parse_intermixed_args()
     with exit_on_input_error():
         settings = composed_settings(ROOT, *arguments.settings)
         pack(settings, arguments.folder, arguments.wheels, arguments.piece_mib * 2**20)

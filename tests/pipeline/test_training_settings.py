@@ -11,6 +11,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.instruments import Detections
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.colour_transforms import ColourJitter, UniformNoise
+from shaftpose.dataset.labelled_images import ImagesInMemory
 from shaftpose.dataset.split import first_images, read_keys
 from shaftpose.dataset.training_data import TrainingData
 from shaftpose.dataset.training_stream import SkippedImages, TrainingStream
@@ -109,6 +110,17 @@ def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
     assert others == ([UniformNoise(noise)] if noise else [])
     assert images.mixed_in_share == (pytest.approx(2 / 11) if real else 0)
     assert (0 if images.mixed_in is None else len(images.mixed_in)) == real
+
+
+def test_images_in_memory_are_augmented_alike(folder: Path) -> None:
+    mixed = ("variant=d_noise_real", "variant.symmetries=true")
+    read = stream(data_of(folder, *mixed))
+    kept = stream(data_of(folder, *mixed, "training.images_in_memory=true"))
+    assert isinstance(kept.rendered, ImagesInMemory) and isinstance(kept.mixed_in, ImagesInMemory)
+    for _ in range(2):  # the augmentation does not change what is kept
+        for n in range(8):
+            assert np.array_equal(kept[n][0], read[n][0])
+            assert np.array_equal(kept[n][1].boxes, read[n][1].boxes)
 
 
 def test_colours_change_as_the_settings_say(folder: Path) -> None:
