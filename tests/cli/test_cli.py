@@ -187,6 +187,24 @@ def test_a_camera_is_stated_once(model: Path, frame: Path) -> None:
     assert ended.value.code == 2
 
 
+@pytest.mark.parametrize("time", ["-1", "a", "1:2:3:4", "inf", ""])
+def test_a_time_is_a_number_or_a_clocks(time: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["predict", "film.mp4", f"--start={time}"])
+    assert f"{time} is no time, such as 90.5 or 1:30.5" in capsys.readouterr().err
+
+
+def test_a_part_of_a_film_is_predicted(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film = write_video(tmp_path / "clip.avi", [90] * 20, 400, 300)
+    arguments = ["--start", "0:0.5", "--end", "1.5", "--every", "4"]
+    main(["predict", str(film), "--model", str(model), *arguments])
+    assert [line["frame"] for line in results(capsys.readouterr().out)] == [8, 12]
+    with pytest.raises(SystemExit, match="^error: --start 3 s is not before --end 2 s"):
+        main(["predict", str(film), "--model", str(model), "--start", "3", "--end", "2"])
+
+
 @pytest.mark.parametrize("crop", ["1,2,3", "a,b,c,d"])
 def test_a_part_is_four_numbers(crop: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):

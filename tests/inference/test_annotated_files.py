@@ -165,7 +165,7 @@ def test_a_folder_whose_name_opencv_cannot_take_is_named(tmp_path: Path) -> None
 
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:
-    assert unused(tmp_path, "a", "jpg") == tmp_path / "a.jpg"
+    assert unused(tmp_path, "a", "jpg") == (tmp_path / "a.jpg", None)
     for name in ("a.jpg", "a-2.jpg"):
         (tmp_path / name).touch()
-    assert unused(tmp_path, "a", "jpg") == tmp_path / "a-3.jpg"
+    assert unused(tmp_path, "a", "jpg") == (tmp_path / "a-3.jpg", tmp_path / "a-2.jpg")

@@ -24,6 +24,7 @@ from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.prediction_run import sources
+from shaftpose.inference.video_files import Span
 
 Work = Callable[[Chunk], Prediction]
 Predicted = Iterator[tuple[Chunk, Prediction | None]]
@@ -83,7 +84,7 @@ def test_an_image_that_fails_is_named_and_the_rest_goes_on(
 ) -> None:
     Path("07.png").write_text("no image")
     (tmp_path / "empty").mkdir()
-    named = [*images, *sources(["empty", "film.mp4", "rtsp://camera"], [])]
+    named = [*images, *sources(["empty", "film.mp4", "rtsp://camera"], [], Span())]
     found, _ = run(named, options)
     errors = {image.source: image.error for image in found if image.error}
     assert errors.keys() == {"07.png", "empty", "film.mp4", "rtsp://camera"}

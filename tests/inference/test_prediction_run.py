@@ -12,7 +12,7 @@ from shaftpose.inference.frames import Frame, ImageFile
 from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.prediction_run import for_each_frame, sources
 from shaftpose.inference.result_stream import UnwritableError
-from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.video_files import Span, VideoFile
 from shaftpose.inference.web_addresses import WebAddress
 
 
@@ -70,7 +70,7 @@ def test_names_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "deeper/c.png").touch()
     names = ["x.tif", str(tmp_path), "clip.mp4", "0", "rtsp://host/live", "./0",
              "https://host/clip.mp4", f"file://{tmp_path}/a%20b.mp4"]  # fmt: skip
-    assert list(sources(names, [])) == [
+    assert list(sources(names, [], Span())) == [
         ImageFile(Path("x.tif")), ImageFile(tmp_path / "a.jpg"), ImageFile(tmp_path / "b.PNG"),
         VideoFile(Path("clip.mp4")), LiveStream(0), LiveStream("rtsp://host/live"),
         VideoFile(Path("0")), WebAddress("https://host/clip.mp4"), VideoFile(tmp_path / "a b.mp4"),
@@ -85,7 +85,7 @@ def test_a_dash_stands_for_lines_which_are_read_in_their_turn() -> None:
             read.append(line)
             yield line
 
-    found = sources(["first.png", "-", "last.png"], lines())
+    found = sources(["first.png", "-", "last.png"], lines(), Span())
     assert next(found) == ImageFile(Path("first.png"))
     assert next(found) == ImageFile(Path("a b.png"))
     assert read == ["a b.png\n"]
@@ -93,7 +93,7 @@ def test_a_dash_stands_for_lines_which_are_read_in_their_turn() -> None:
 
 
 def test_a_folder_without_images_says_so_in_its_turn(tmp_path: Path) -> None:
-    (folder,) = sources([str(tmp_path)], [])
+    (folder,) = sources([str(tmp_path)], [], Span())
     with pytest.raises(InputError, match=f"^{tmp_path}: holds no image; name a folder of"):
         list(folder.frames())
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.video_files import VideoFile, frame_rate
+from shaftpose.inference.video_files import Span, VideoFile, frame_rate
 from tests.inference.videos import (
     TRACK,
     edit_box,
@@ -210,3 +210,33 @@ def test_frames_that_opencv_does_not_write_are_named(
     read = []
     with pytest.raises(InputError, match=f"^{video}: frame {first} cannot be decoded; if it is in"):
         read.extend(frame.number for frame in VideoFile(video).frames(fail))
+
+
+@pytest.mark.parametrize(
+    ("span", "first", "numbers"),
+    [
+        (Span(start_s=0.35), 0, [4, 5, 6, 7, 8, 9]),
+        (Span(end_s=0.3), 0, [0, 1, 2]),
+        (Span(every=4), 0, [0, 4, 8]),
+        (Span(0.2, 0.7, 3), 0, [3, 6]),
+        (Span(0.2, 0.7, 3), 4, [6]),
+        (Span(), 8, [8, 9]),
+        (Span(), 10, []),
+    ],
+)
+def test_a_part_of_a_video_keeps_its_numbers_and_times(
+    span: Span, first: int, numbers: list[int], tmp_path: Path
+) -> None:
+    path = write_video(tmp_path / "clip.avi", range(20, 220, 20))
+    frames = list(VideoFile(path, span, first).frames(fail))
+    assert [frame.number for frame in frames] == numbers
+    for frame in frames:
+        assert frame.time_s == pytest.approx(frame.number / 10)
+        assert frame.rgb.mean() == pytest.approx(20 * (frame.number + 1), abs=3)
+        assert frame.fps == 10 / span.every
+
+
+def test_a_start_after_the_end_is_named(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.avi", [40] * 10)
+    with pytest.raises(InputError, match=f"^{path}: ends after 1.00 s, before --start"):
+        list(VideoFile(path, Span(start_s=5)).frames(fail))

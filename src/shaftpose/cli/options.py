@@ -1,6 +1,7 @@
 """The options of the commands."""
 
 import argparse
+import math
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +17,8 @@ examples:
   shaftpose predict 0 --view-deg 70 --diameter-mm 3       # the first camera
   find . -name '*.png' | shaftpose predict - --score 0.3
   shaftpose predict frames/ --out found --workers 16      # 16 processes
+  shaftpose predict long.mp4 --start 1:02:30 --every 5 --out found
+  shaftpose predict long.mp4 --start 1:02:30 --every 5 --out found --resume    # after Ctrl-C
 
 A camera or stream is read until Ctrl-C; frames that come too fast are skipped.
 
@@ -76,6 +79,16 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "pixel, width and height; the camera is then that of the part (the whole frame)",
     )  # fmt: skip
     parser.add_argument(
+        "--start", type=_seconds, default=0.0, metavar="TIME",
+        help="where films begin, in s or as [HOURS:]MINUTES:SECONDS (0)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--end", type=_seconds, default=math.inf, metavar="TIME", help="where they end (their end)"
+    )
+    parser.add_argument(
+        "--every", type=_positive, default=1, metavar="N", help="look at each N-th frame alone (1)"
+    )
+    parser.add_argument(
         "--track", action="store_true",
         help="number the shafts of videos, streams and folders of frames, and smooth their poses",
     )  # fmt: skip
@@ -83,6 +96,11 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "--format", choices=("jsonl", "csv", "bop"), default="jsonl", help="of results (jsonl)"
     )
     parser.add_argument("--out", type=Path, help="folder for results (standard output)")
+    parser.add_argument(
+        "--resume", action="store_true",
+        help="continue an interrupted run with the same options: skip what the results in --out "
+        "hold",
+    )  # fmt: skip
     parser.add_argument("--draw", action="store_true", help="also draw the frames, into --out")
     parser.add_argument(
         "--rerun", action="store_true", help="also write a recording for Rerun's viewer, into --out"
@@ -173,6 +191,18 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{number} is not above 0")
     return number
+
+
+def _seconds(text: str) -> float:
+    parts = text.split(":")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = [-1.0]
+    seconds = sum(number * 60**n for n, number in enumerate(reversed(numbers)))
+    if len(parts) > 3 or not all(0 <= number < math.inf for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text} is no time, such as 90.5 or 1:30.5")
+    return seconds
 
 
 def _crop(text: str) -> tuple[int, int, int, int]:

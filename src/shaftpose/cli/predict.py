@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache, partial
@@ -13,16 +13,19 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from shaftpose.core.errors import InputError
+from shaftpose.inference.annotated_files import annotated_files
 from shaftpose.inference.chunk_worker import PredictedImage
+from shaftpose.inference.earlier_results import Earlier, continued
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
 from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, sources
-from shaftpose.inference.result_stream import result_stream
+from shaftpose.inference.result_stream import result_stream, results_file
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.tracker import ShaftTracker
+from shaftpose.inference.video_files import Span
 
 
 def run(options: argparse.Namespace) -> None:
@@ -34,6 +37,10 @@ def run(options: argparse.Namespace) -> None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     if options.rerun and options.out is None:
         raise InputError("--rerun: needs a folder for the recording; name one by --out")
+    if options.start >= options.end:
+        raise InputError(f"--start {options.start:g} s is not before --end {options.end:g} s")
+    if options.resume and (options.out is None or options.rerun or options.format == "bop"):
+        raise InputError("--resume: needs --out, and continues no --rerun and no --format bop")
     failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
     if failed:
         raise InputError(f"sources that failed, see above: {failed}")
@@ -43,13 +50,14 @@ def _predict_alone(options: argparse.Namespace) -> int:
     """Predict all sources in this process. Returns the number of sources that failed."""
     warn_once = cache(warn)
     finder = _finder_options(options).finder(warn_once)
-    named = named_sources(options.sources)
+    named, earlier = named_sources(options), _earlier(options)
     tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
-    style, drawings = format_of_run(options.format), options.out if options.draw else None
+    style = format_of_run(options.format)
+    drawings = annotated_files(options.out, earlier.again) if options.draw else None
     recording = _recording(options.out, finder) if options.rerun else None
     with (
-        outputs(options.out, style, drawings, recording) as write,
-        progress_bar(named, hidden=options.out is None) as bar,
+        outputs(options.out, style, drawings, recording, options.resume) as write,
+        progress_bar(named, sum(earlier.frames.values()), options.out is None) as bar,
     ):
 
         def predict(frame: Frame) -> None:
@@ -57,7 +65,7 @@ def _predict_alone(options: argparse.Namespace) -> int:
             write(frame, shafts if tracker is None else tracker(frame, shafts))
             bar.update()
 
-        return for_each_frame(named, predict, report, warn_once)
+        return for_each_frame(earlier.rest(named), predict, report, warn_once)
 
 
 def _predict_on_workers(options: argparse.Namespace) -> int:
@@ -78,21 +86,22 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         from shaftpose.farm.workers import client_of
     except ImportError as error:
         raise InputError("--workers: needs Dask: in a clone, pip install '.[cluster]'") from error
-    named, style = named_sources(options.sources), format_of_run(options.format)
+    named, earlier = named_sources(options), _earlier(options)
+    style = format_of_run(options.format)
     with model_file(options.model) as model:
         chosen = _absolute(_finder_options(options), model)
         chosen.finder(warn)  # so that unusable options end the command here
         with (
             client_of(options.workers) as client,  # first: one that fails leaves no file
-            result_stream(options.out, style) as results,
-            progress_bar(named, hidden=options.out is None) as bar,
+            result_stream(options.out, style, options.resume) as results,
+            progress_bar(named, sum(earlier.frames.values()), options.out is None) as bar,
         ):
 
             def write(image: PredictedImage) -> None:
                 results.add(image, image.shafts)
                 bar.update()
 
-            images = predicted_images(named, chosen, partial(in_order, client), warn)
+            images = predicted_images(earlier.rest(named), chosen, partial(in_order, client), warn)
             return for_each_frame(images, write, report, warn)
 
 
@@ -103,6 +112,14 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
     except ImportError as error:
         raise InputError("--rerun: needs Rerun: in a clone, pip install '.[rerun]'") from error
     return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
+
+
+def _earlier(options: argparse.Namespace) -> Earlier:
+    """What an interrupted run has done, if it is to be resumed."""
+    if not options.resume:
+        return Earlier({})
+    path = results_file(options.out, format_of_run(options.format))
+    return continued(path, options.format, options.track, options.draw)
 
 
 def _finder_options(options: argparse.Namespace) -> FinderOptions:
@@ -118,25 +135,26 @@ def _absolute(options: FinderOptions, model: Path) -> FinderOptions:
     return replace(options, model=str(model.absolute()), camera=camera)
 
 
-def named_sources(names: Sequence[str]) -> Iterable[Source]:
+def named_sources(options: argparse.Namespace) -> Iterable[Source]:
     """The sources: a list, or an iterator if standard input names some."""
+    names, span = options.sources, Span(options.start, options.end, options.every)
     if "-" in names and isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
-    found = sources(names, sys.stdin)
+    found = sources(names, sys.stdin or (), span)
     return found if "-" in names else list(found)
 
 
-def progress_bar(named: Iterable[Source], hidden: bool) -> "tqdm[NoReturn]":
+def progress_bar(named: Iterable[Source], done: int, hidden: bool) -> "tqdm[NoReturn]":
     """A progress bar over all frames, on a terminal.
 
-    hidden: no bar if the terminal shows results.
+    done: frames of an earlier run. hidden: no bar if the terminal shows results.
     """
     total = None
     if isinstance(named, list):
         lengths = [source.length for source in named]
         total = None if None in lengths else sum(filter(None, lengths))
     disable = True if total == 1 or (hidden and sys.stdout.isatty()) else None
-    return tqdm(total=total, unit="frame", disable=disable)
+    return tqdm(total=total, initial=done, unit="frame", disable=disable)
 
 
 def warn(message: str) -> None:

@@ -1,13 +1,14 @@
 """Drawings of found shafts, as pictures and videos in a folder."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 from cv2.typing import MatLike
 
-from shaftpose.core.images import Image, write_jpeg
+from shaftpose.core.images import Image, encode_jpeg
 from shaftpose.figures.drawing import (
     FOUND,
     LINE_PX,
@@ -22,6 +23,7 @@ from shaftpose.inference.result_stream import UnwritableError, incomplete, namin
 from shaftpose.inference.video_files import opencv_takes, stated_length
 
 _LONGEST_GAP_S = 10.0  # between frames of a video, that a drawing keeps
+_JPEG_QUALITY = 95
 _PLAIN_PX = 299  # side of a frame with lines of one pixel
 
 
@@ -54,11 +56,12 @@ class AnnotatedFiles:
     """Writes drawings: a JPEG file for each image, an MP4 file for each video or stream, and a new
     one whenever the size of its frames changes.
 
-    No file is overwritten: a name that exists gets a number.
+    No file is overwritten: a name that exists gets a number. again: sources whose drawings, the
+    last ones of an interrupted run, may be incomplete; these are drawn again.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, again: Set[str]) -> None:
+        self._folder, self._again = folder, set(again)
         self._video: AnnotatedVideo | None = None
 
     def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
@@ -69,9 +72,7 @@ class AnnotatedFiles:
         """
         drawn = draw_shafts(frame.rgb, shafts)
         if frame.time_s is None:
-            path = unused(self._folder, Path(frame.source).stem, "jpg")
-            with naming_unwritable(path):
-                write_jpeg(drawn, path)
+            self._write_picture(frame.source, encode_jpeg(drawn, _JPEG_QUALITY))
         else:
             self._video_of(frame).add(drawn, frame.number, frame.time_s)
 
@@ -86,11 +87,22 @@ class AnnotatedFiles:
         if self._video is not None:
             self._video.release()
 
+    def _write_picture(self, source: str, data: bytes) -> None:
+        path, last = unused(self._folder, Path(source).stem, "jpg")
+        with naming_unwritable(path):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            if source in self._again and last and data.startswith(last.read_bytes()):
+                path = last
+            path.write_bytes(data)
+
     def _video_of(self, frame: Frame) -> "AnnotatedVideo":
         """The video that a frame continues, or a new one."""
         if self._video is None or not self._video.is_continued_by(frame):
             self.close()
-            path = unused(self._folder, _stem(frame.source), "mp4")
+            path, last = unused(self._folder, _stem(frame.source), "mp4")
+            if frame.source in self._again and last:
+                path = last
+            self._again.discard(frame.source)
             self._video = AnnotatedVideo(path, frame)
         return self._video
 
@@ -145,12 +157,13 @@ class AnnotatedVideo:
 
 
 @contextmanager
-def annotated_files(folder: Path) -> Iterator[AnnotatedFiles]:
-    """Pictures and videos in a folder. The last video is finished even if prediction fails.
+def annotated_files(folder: Path, again: Set[str] = frozenset()) -> Iterator[AnnotatedFiles]:
+    """Pictures and videos in a folder, see `AnnotatedFiles`. The last video is finished even if
+    prediction fails.
 
     Raises UnwritableError at the end if the last video is not complete.
     """
-    files = AnnotatedFiles(folder)
+    files = AnnotatedFiles(folder, again)
     try:
         yield files
     finally:
@@ -163,13 +176,14 @@ def _writable_rate(fps: float) -> float:
     return round(fps, 3 if fps < 65 else 2 if fps < 650 else 0)
 
 
-def unused(folder: Path, stem: str, suffix: str) -> Path:
-    """The first of the paths stem.suffix, stem-2.suffix, ... in a folder that does not exist."""
-    path, number = folder / f"{stem}.{suffix}", 1
-    while path.exists():
+def unused(folder: Path, stem: str, suffix: str) -> tuple[Path, Path | None]:
+    """The first of the paths stem.suffix, stem-2.suffix, ... in a folder that does not exist, and
+    the one before it, if any."""
+    path, last, number = folder / f"{stem}.{suffix}", None, 1
+    while os.path.lexists(path):
         number += 1
-        path = folder / f"{stem}-{number}.{suffix}"
-    return path
+        path, last = folder / f"{stem}-{number}.{suffix}", path
+    return path, last
 
 
 def _stem(source: str) -> str:

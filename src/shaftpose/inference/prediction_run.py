@@ -9,12 +9,13 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.inference.annotated_files import annotated_files
+from shaftpose.inference.annotated_files import AnnotatedFiles
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import Frame, FrameId, Source, images_of
 from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.result_stream import UnwritableError, result_stream
+from shaftpose.inference.video_files import Span
 from shaftpose.inference.web_addresses import WebAddress, file_source
 
 # Writes a frame with its shafts.
@@ -23,19 +24,19 @@ F = TypeVar("F", bound=FrameId)
 F_co = TypeVar("F_co", bound=FrameId, covariant=True)
 
 
-def sources(names: Iterable[str], lines: Iterable[str]) -> Iterator[Source]:
+def sources(names: Iterable[str], lines: Iterable[str], span: Span) -> Iterator[Source]:
     """The sources with these names, in order; `-` stands for the names on `lines`, which are read
-    one at a time."""
+    one at a time. span: the part of films that is wanted."""
     for name in names:
         if name == "-":
             for line in lines:
                 if written := line.rstrip("\r\n"):
-                    yield from _named(written)
+                    yield from _named(written, span)
         else:
-            yield from _named(name)
+            yield from _named(name, span)
 
 
-def _named(name: str) -> Iterable[Source]:
+def _named(name: str, span: Span) -> Iterable[Source]:
     """A whole number is a camera, a name with `://` an address; all others are paths."""
     if name.isdecimal():
         return [LiveStream(int(name))]
@@ -43,11 +44,11 @@ def _named(name: str) -> Iterable[Source]:
     if scheme == "file":
         name = url2pathname(urlsplit(name).path)
     elif separator:
-        return [WebAddress(name) if scheme in ("http", "https") else LiveStream(name)]
+        return [WebAddress(name, span) if scheme in ("http", "https") else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
         return images_of(path)
-    return [file_source(path)]
+    return [file_source(path, span)]
 
 
 class FramesOf(Protocol[F_co]):
@@ -94,19 +95,20 @@ def _do(work: Callable[[F], None], frame: F) -> None:
 def outputs(
     folder: Path | None,
     style: Format,
-    drawings: Path | None,
+    drawings: AbstractContextManager[AnnotatedFiles] | None,
     recording: AbstractContextManager[Write] | None,
+    resumed: bool,
 ) -> Iterator[Write]:
     """Open all outputs. The result writes a frame's shafts to a file in `folder`, or to standard
-    output if that is None, draws them into the folder `drawings`, if any, and adds them to the
-    recording, if any.
+    output if that is None, draws them if there are `drawings`, and adds them to the recording, if
+    any. resumed: whether earlier results are continued.
 
     Raises UnwritableError naming a file that cannot be written; for a recording, only at the end.
     """
     with ExitStack() as stack:
-        parts: list[Write] = [stack.enter_context(result_stream(folder, style)).add]
+        parts: list[Write] = [stack.enter_context(result_stream(folder, style, resumed)).add]
         if drawings is not None:
-            parts.append(stack.enter_context(annotated_files(drawings)).add)
+            parts.append(stack.enter_context(drawings).add)
         if recording is not None:
             parts.append(stack.enter_context(recording))
 

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
@@ -40,18 +40,19 @@ def naming_unwritable(path: object) -> Iterator[None]:
         ) from error
 
 
-_AS_NAMED = "surrogateescape"  # file names may be bytes that are not UTF-8
+AS_NAMED = "surrogateescape"  # file names may be bytes that are not UTF-8
 
 
 class ResultStream:
     """Writes results as text and flushes after every frame.
 
-    name: of the file, for errors.
+    name: of the file, for errors. begun: whether it has a heading already.
     """
 
-    def __init__(self, stream: TextIO, name: str, style: Format) -> None:
+    def __init__(self, stream: TextIO, name: str, style: Format, begun: bool = False) -> None:
         self._stream, self._name, self._format = stream, name, style
-        self._write(style.header)
+        if not begun:
+            self._write(style.header)
 
     def add(self, frame: FrameId, shafts: Sequence[FoundShaft]) -> None:
         """Write the shafts of a frame.
@@ -68,19 +69,32 @@ class ResultStream:
 
 
 @contextmanager
-def result_stream(folder: Path | None, style: Format) -> Iterator[ResultStream]:
+def result_stream(
+    folder: Path | None, style: Format, resumed: bool = False
+) -> Iterator[ResultStream]:
     """Open a new file `predictions` in a folder, or standard output if that is None.
 
-    Raises UnwritableError naming the file if it exists already or cannot be created.
+    resumed: whether an earlier file is continued. Raises UnwritableError naming the file if it
+    exists already or cannot be created.
     """
     if folder is None:
+        if sys.stdout is None:
+            raise UnwritableError("standard output is closed; name a folder by --out")
         if isinstance(sys.stdout, TextIOWrapper):
-            sys.stdout.reconfigure(errors=_AS_NAMED)
+            sys.stdout.reconfigure(errors=AS_NAMED)
         yield ResultStream(sys.stdout, "standard output", style)
         return
-    path = folder / f"predictions.{style.suffix}"
+    path = results_file(folder, style)
     with naming_unwritable(path):
         folder.mkdir(parents=True, exist_ok=True)
-        stream = path.open("x", encoding="utf-8", errors=_AS_NAMED)
-    with stream:
-        yield ResultStream(stream, str(path), style)
+        stream = path.open("a" if resumed else "x", encoding="utf-8", errors=AS_NAMED)
+    try:
+        yield ResultStream(stream, str(path), style, path.stat().st_size > 0)
+    finally:
+        with suppress(OSError):  # the last write has named it
+            stream.close()
+
+
+def results_file(folder: Path, style: Format) -> Path:
+    """The file of a run's results."""
+    return folder / f"predictions.{style.suffix}"

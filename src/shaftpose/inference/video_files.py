@@ -8,10 +8,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
+from shaftpose.inference.decoded_frames import DecodedFrames, opened
 from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
 from shaftpose.inference.frames import USUAL_FPS, Frame, from_bgr
 
@@ -24,10 +24,24 @@ _LEAST_SHARE = 0.9  # of the stated number of frames, or of the film's length
 
 
 @dataclass(frozen=True)
+class Span:
+    """The frames of a film that are wanted: each `every`-th, from start to end in s."""
+
+    start_s: float = 0.0
+    end_s: float = np.inf
+    every: int = 1
+
+
+@dataclass(frozen=True)
 class VideoFile:
-    """A video: a `Source` of all its frames."""
+    """A video: a `Source` of its frames.
+
+    first: the number of the first one that is wanted.
+    """
 
     path: Path
+    span: Span = Span()
+    first: int = 0
 
     @property
     def name(self) -> str:
@@ -36,12 +50,35 @@ class VideoFile:
 
     @property
     def length(self) -> int | None:
-        """The number of frames that the header states; None if it states none."""
-        return stated_length(cv2.VideoCapture(self.name)) if opencv_takes(self.name) else None
+        """The number of frames that the header states; None if it states none, or not all frames
+        are wanted."""
+        if self.span != Span() or not opencv_takes(self.name):
+            return None
+        return stated_length(cv2.VideoCapture(self.name))
 
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
-        """All frames, at the times that the file states. Raises InputError naming the file if it is
+        """The frames, at the times that the file states. Raises InputError naming the file if it is
         not a video, ends early, or cannot be decoded; warns if single frames are missing."""
+        capture = self._opened()
+        fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
+        number, time_s, step_s, decoded = 0, 0.0, 1 / fps, DecodedFrames(self.name)
+        while capture.grab():
+            last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
+            step_s = max(step_s, time_s - last_s)
+            if time_s >= self.span.end_s:
+                return
+            if number == 0 or self._wants(number, time_s):
+                bgr = np.asarray(capture.retrieve()[1], np.uint8)
+                decoded.check(number, bgr)
+                if self._wants(number, time_s):
+                    rate = fps / self.span.every
+                    yield Frame(self.name, number, from_bgr(bgr), time_s, rate, aspect)
+            number += 1
+        self._check_end(number, time_s + step_s, stated_length(capture) or 0, fps, warn)
+        if self.first == 0 and self.span == Span():
+            decoded.check_all()
+
+    def _opened(self) -> cv2.VideoCapture:
         if not os.path.isfile(self.path):
             raise InputError(
                 f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
@@ -49,20 +86,15 @@ class VideoFile:
             )
         if not opencv_takes(self.name):
             raise InputError(f"{self.path}: a video's name must be UTF-8; rename it")
-        capture = _opened(self.name)
+        capture = opened(self.name)
         if not capture.isOpened():
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
         check_size(self.name, capture)
-        fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
-        number, time_s, step_s, seen = 0, 0.0, 1 / fps, _SeenFrames(self.name)
-        while (bgr := capture.read()[1]) is not None:
-            seen.add(np.asarray(bgr, np.uint8))
-            last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
-            step_s = max(step_s, time_s - last_s)
-            yield Frame(self.name, number, from_bgr(bgr), time_s, fps, aspect)
-            number += 1
-        self._check_end(number, time_s + step_s, stated_length(capture) or 0, fps, warn)
-        seen.check()
+        return capture
+
+    def _wants(self, number: int, time_s: float) -> bool:
+        timely = time_s >= self.span.start_s and number % self.span.every == 0
+        return timely and number >= self.first
 
     def _check_end(self, count: int, end_s: float, stated: int, fps: float, warn: Warn) -> None:
         """Raise InputError or warn if frames are missing.
@@ -81,58 +113,14 @@ class VideoFile:
             )
         if count < stated and end_s < stated_s - 1 / fps and counts_frames(self.path):
             warn(f"{self.path}: {stated - count} of its {stated} frames are missing")
+        if end_s <= self.span.start_s:
+            raise InputError(f"{self.path}: ends after {end_s:.2f} s, before --start")
 
 
 def _time_s(capture: cv2.VideoCapture, last_s: float, fps: float) -> float:
     """The time of a frame after the first, never before `last_s`; some containers state none."""
     time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
     return max(time_s, last_s) if 0 < time_s < np.inf else last_s + 1 / fps
-
-
-class _SeenFrames:
-    """Whether the frames of a video were decoded at all. OpenCV since 4.13 reports no failure for
-    interlaced video: it returns memory that it has not written, with whatever it holds."""
-
-    def __init__(self, name: str) -> None:
-        self._name, self._count, self._lit, self._repeats = name, 0, False, False
-        self._last: NDArray[np.uint8] | None = None
-
-    def add(self, bgr: NDArray[np.uint8]) -> None:
-        """Add the next frame. Raises InputError if OpenCV has not written it; of later frames, only
-        the first that repeats the one before it can be such a one."""
-        self._lit = self._lit or bool(bgr.any())
-        first = self._last is None
-        repeats = self._repeats or (self._last is not None and np.array_equal(self._last, bgr))
-        if (first or repeats > self._repeats) and not self._is_written(bgr):
-            raise self._unreadable(f"frame {self._count} cannot be decoded")
-        self._last, self._count, self._repeats = bgr, self._count + 1, repeats
-
-    def check(self) -> None:
-        """Raise InputError if all frames are black."""
-        if not self._lit:
-            raise self._unreadable("all its frames are black")
-
-    def _is_written(self, bgr: NDArray[np.uint8]) -> bool:
-        """Whether OpenCV decodes the frame to the same picture in memory of other content."""
-        again = _opened(self._name)
-        for _ in range(self._count + 1):
-            again.grab()
-        others = [np.full_like(bgr, 85) for _ in range(8)]
-        del others
-        return np.array_equal(again.retrieve()[1], bgr)
-
-    def _unreadable(self, reason: str) -> InputError:
-        return InputError(
-            f"{self._name}: {reason}; if it is interlaced, install opencv-python-headless 4.12 or "
-            "convert it, as by ffmpeg -i OLD -vf yadif NEW"
-        )
-
-
-def _opened(name: str) -> cv2.VideoCapture:
-    """A video whose frames are upright: not all versions of OpenCV turn them unasked."""
-    capture = cv2.VideoCapture(name)
-    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
-    return capture
 
 
 def check_size(name: str, capture: cv2.VideoCapture) -> None:

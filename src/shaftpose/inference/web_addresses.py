@@ -14,7 +14,7 @@ from urllib.request import urlopen
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.frames import Frame, ImageFile, Source, is_image
 from shaftpose.inference.live_streams import LiveStream
-from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.video_files import Span, VideoFile
 
 _PATIENCE_S = 30.0
 # Playlists name other files, perhaps without end; pictures in parts come from cameras.
@@ -22,9 +22,9 @@ _LIVE = ("mpegurl", "dash+xml", "multipart/")
 _log = logging.getLogger(__name__)
 
 
-def file_source(path: Path) -> Source:
+def file_source(path: Path, span: Span, first: int = 0) -> Source:
     """An image file or a video file."""
-    return ImageFile(path) if is_image(path) else VideoFile(path)
+    return ImageFile(path) if is_image(path) else VideoFile(path, span, first)
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class WebAddress:
     stream's newest ones."""
 
     name: str
+    span: Span = Span()  # of a film
+    first: int = 0
     length: None = None
 
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
@@ -43,7 +45,7 @@ class WebAddress:
             else:
                 path = Path(folder) / f"file{Path(urlsplit(self.name).path).suffix}"
                 self._download(response, path)
-                source = file_source(path)
+                source = file_source(path, self.span, self.first)
             try:
                 for frame in source.frames(warn):
                     yield replace(frame, source=self.name)

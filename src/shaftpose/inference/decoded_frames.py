@@ -1,0 +1,58 @@
+"""Whether the frames of a video were decoded at all.
+
+OpenCV since 4.13 reports no failure for interlaced video: it returns memory that it has not
+written, with whatever it holds, such as another video's frames.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.errors import InputError
+
+_OTHER_GREY, _COPIES = 85, 8  # what freed memory is made to hold, and how much of it
+
+
+def opened(name: str) -> cv2.VideoCapture:
+    """A video whose frames are upright: not all versions of OpenCV turn them unasked."""
+    capture = cv2.VideoCapture(name)
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
+    return capture
+
+
+class DecodedFrames:
+    """Checks the frames of a video."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._lit, self._repeats = name, False, False
+        self._last: NDArray[np.uint8] | None = None
+
+    def check(self, number: int, bgr: NDArray[np.uint8]) -> None:
+        """Raise InputError if OpenCV has not written a frame, (H, W, 3). After the first one, only
+        a frame that repeats the one before it can be such a one; the first of these is checked."""
+        self._lit = self._lit or bool(bgr.any())
+        first = self._last is None
+        repeats = self._repeats or (self._last is not None and np.array_equal(self._last, bgr))
+        if (first or repeats > self._repeats) and not self._is_written(number, bgr):
+            raise self._unreadable(f"frame {number} cannot be decoded")
+        self._last, self._repeats = bgr, repeats
+
+    def check_all(self) -> None:
+        """Raise InputError if all frames were black."""
+        if not self._lit:
+            raise self._unreadable("all its frames are black")
+
+    def _is_written(self, number: int, bgr: NDArray[np.uint8]) -> bool:
+        """Whether OpenCV decodes the frame to the same picture in memory of other content."""
+        again = opened(self._name)
+        for _ in range(number + 1):
+            again.grab()
+        others = [np.full_like(bgr, _OTHER_GREY) for _ in range(_COPIES)]
+        del others
+        return np.array_equal(again.retrieve()[1], bgr)
+
+    def _unreadable(self, reason: str) -> InputError:
+        return InputError(
+            f"{self._name}: {reason}; if it is interlaced, install opencv-python-headless 4.12 or "
+            "convert it, as by ffmpeg -i OLD -vf yadif NEW"
+        )

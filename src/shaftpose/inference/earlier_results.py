@@ -1,0 +1,112 @@
+"""The results of an interrupted run, which another run continues."""
+
+import csv
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import takewhile
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from shaftpose.core.errors import InputError
+from shaftpose.inference.formats import CSV_COLUMNS
+from shaftpose.inference.frames import ImageFile, Source
+from shaftpose.inference.result_stream import AS_NAMED
+from shaftpose.inference.tracker import film_of
+from shaftpose.inference.video_files import VideoFile
+from shaftpose.inference.web_addresses import WebAddress
+
+
+class Row(NamedTuple):
+    """A line of results: the frame that it belongs to, and where it begins in the file."""
+
+    source: str
+    number: int
+    time_s: float | None
+    start: int
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """What need not be predicted again.
+
+    frames: source -> the number of its next frame. again: the sources whose results were dropped,
+    because a part of them may be missing.
+    """
+
+    frames: dict[str, int]
+    again: frozenset[str] = frozenset()
+
+    def rest(self, sources: Iterable[Source]) -> Iterator[Source]:
+        """The sources that are left, of a film with its next frame. Streams begin again."""
+        for source in sources:
+            done = self.frames.get(source.name, 0)
+            if done and isinstance(source, VideoFile | WebAddress):
+                yield replace(source, first=done)
+            elif not done or not isinstance(source, ImageFile):
+                yield source
+
+
+def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
+    """Drop the last frame from a file of results, which may be incomplete, or the last film if it
+    is tracked or drawn: these need all frames. Nothing is done if there is no file.
+
+    style: `jsonl` or `csv`. tracked: whether the images of a folder are a film. Raises InputError
+    naming the file if it cannot be read.
+    """
+    if not path.exists():
+        return Earlier({})
+    with path.open("rb+") as file:
+        try:
+            rows = list(_READERS[style](file))
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: holds no results of --format {style}; remove it") from error
+        kept = _kept(rows, tracked, drawn)
+        file.truncate(rows[len(kept)].start if rows else 0)
+    frames = {row.source: row.number + 1 for row in kept}
+    return Earlier(frames, frozenset(row.source for row in rows[len(kept) :]))
+
+
+def _kept(rows: list[Row], tracked: bool, drawn: bool) -> list[Row]:
+    """The rows before the last frame or film."""
+
+    def unit(row: Row) -> object:
+        if tracked or (drawn and row.time_s is not None):
+            return film_of(row)
+        return row.source, row.number
+
+    dropped = sum(1 for _ in takewhile(lambda row: unit(row) == unit(rows[-1]), reversed(rows)))
+    return rows[: len(rows) - dropped]
+
+
+def _json_rows(file: BinaryIO) -> Iterator[Row]:
+    """The complete lines."""
+    start = 0
+    for line in file:
+        if not line.endswith(b"\n"):
+            return
+        found: dict[str, Any] = json.loads(line)
+        yield Row(found["image"], found["frame"], found["time_s"], start)
+        start += len(line)
+
+
+def _csv_rows(file: BinaryIO) -> Iterator[Row]:
+    """The complete rows after the heading; names may hold line feeds."""
+    start = end = 0
+
+    def lines() -> Iterator[str]:
+        nonlocal end
+        for line in file:
+            if line.endswith(b"\n"):
+                end += len(line)
+                yield line.decode(errors=AS_NAMED)
+
+    for found in csv.reader(lines()):
+        if len(found) < len(CSV_COLUMNS):  # the last name was cut
+            return
+        if start:
+            yield Row(found[0], int(found[1]), float(found[2]) if found[2] else None, start)
+        start = end
+
+
+_READERS: dict[str, Callable[[BinaryIO], Iterator[Row]]] = {"jsonl": _json_rows, "csv": _csv_rows}

@@ -1,0 +1,169 @@
+"""`shaftpose predict --resume`, and how a run ends."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from shaftpose.cli.main import main
+from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.model_files import ModelMetadata
+from shaftpose.inference.video_files import VideoFile
+from tests.inference.full_disk import longest_file
+from tests.inference.videos import write_video
+
+PREDICT = [sys.executable, "-c", "from shaftpose.cli.main import main; main()", "predict"]
+PATIENCE_S = 120.0
+
+Run = Callable[..., dict[str, bytes]]
+
+
+@pytest.fixture
+def model(constant_model: Path) -> Path:
+    store_metadata(constant_model, ModelMetadata(0.5, 95.0, 3.0))
+    return constant_model
+
+
+@pytest.fixture
+def inputs(tmp_path: Path) -> list[str]:
+    """A folder of frames, a film, and a photo with the film's name."""
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for number in range(3):
+        pixels = np.full((300, 400, 3), 50 * number + 60, dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{number}.png"), pixels)
+    shutil.copy(folder / "0.png", tmp_path / "clip.png")
+    film = write_video(tmp_path / "clip.avi", [40, 80, 120, 160], 400, 300)
+    return [str(folder), str(film), str(tmp_path / "clip.png")]
+
+
+@pytest.fixture
+def run(model: Path, inputs: list[str], tmp_path: Path) -> Run:
+    """Predicts into a folder and returns the files there."""
+
+    def predict(*options: str) -> dict[str, bytes]:
+        out = tmp_path / "out"
+        arguments = ["--model", str(model), "--view-deg", "95", "--out", str(out)]
+        main(["predict", *inputs, *arguments, *options])
+        return {path.name: path.read_bytes() for path in out.iterdir()}
+
+    return predict
+
+
+@pytest.mark.parametrize("options", [(), ("--format", "csv"), ("--track",)])
+def test_a_resumed_run_ends_like_an_uninterrupted_one(
+    options: tuple[str, ...], run: Run, tmp_path: Path
+) -> None:
+    (whole,) = run(*options).items()
+    path = tmp_path / "out" / whole[0]
+    for size in range(0, len(whole[1]) + 1, 97):
+        path.write_bytes(whole[1][:size])
+        assert run("--resume", *options) == dict([whole])
+
+
+@pytest.mark.parametrize("options", [(), ("--track",)])
+def test_drawings_of_a_resumed_run_are_those_of_an_uninterrupted_one(
+    options: tuple[str, ...], run: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    whole = run("--draw", *options)
+    assert whole.keys() == {"predictions.jsonl", "0.jpg", "1.jpg", "2.jpg", "clip.jpg", "clip.mp4"}
+    assert run("--draw", "--resume", *options) == whole
+    lines = whole["predictions.jsonl"].splitlines(keepends=True)
+    # Killed while the second image was drawn, and while the fourth frame's result was written.
+    photos = {"0.jpg": None, "1.jpg": None, "2.jpg": None}
+    for count, there in ((2, {"0.jpg": None, "1.jpg": 99}), (6, photos | {"clip.mp4": 999})):
+        shutil.rmtree(out)
+        out.mkdir()
+        for name, size in there.items():
+            (out / name).write_bytes(whole[name][:size])
+        (out / "predictions.jsonl").write_bytes(b"".join([*lines[:count], lines[count][:9]]))
+        assert run("--draw", "--resume", *options) == whole
+
+
+def test_what_is_done_is_not_read_again(run: Run, inputs: list[str]) -> None:
+    whole = run()
+    (Path(inputs[0]) / "0.png").write_bytes(b"damaged since")
+    assert run("--resume") == whole
+
+
+def test_nothing_is_resumed_in_an_empty_folder(run: Run, tmp_path: Path) -> None:
+    whole = run()
+    shutil.rmtree(tmp_path / "out")
+    assert run("--resume") == whole
+
+
+@pytest.mark.parametrize("content", ['{"image": "a"}\n', "no results\n", "[]\n"])
+def test_other_files_are_not_continued(content: str, run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "out" / "predictions.jsonl"
+    path.parent.mkdir()
+    path.write_text(content)
+    with pytest.raises(SystemExit, match=f"^error: {path}: holds no results of --format jsonl"):
+        run("--resume")
+    assert path.read_text() == content
+
+
+@pytest.mark.parametrize("options", [["--resume"], ["--resume", "--out", "x", "--format", "bop"]])
+def test_what_cannot_be_resumed_is_named(options: list[str]) -> None:
+    with pytest.raises(SystemExit, match="^error: --resume: needs --out, and continues no --rerun"):
+        main(["predict", "a.png", *options])
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_leaves_whole_files(sent: int, model: Path, tmp_path: Path) -> None:
+    film = write_video(tmp_path / "clip.avi", [90] * 4000, 400, 300)
+    out = tmp_path / "out"
+    with subprocess.Popen(
+        [*PREDICT, str(film), "--model", str(model), "--out", str(out), "--draw"],
+        stderr=subprocess.PIPE, text=True,
+    ) as running:  # fmt: skip
+        end = time.monotonic() + PATIENCE_S
+        while not (out / "clip.mp4").exists() or not (out / "predictions.jsonl").read_bytes():
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        running.send_signal(sent)
+        said = running.communicate(timeout=PATIENCE_S)[1]
+    assert running.returncode == 130
+    assert "Traceback" not in said
+    drawn = len(list(VideoFile(out / "clip.mp4").frames()))
+    lines = (out / "predictions.jsonl").read_text().splitlines()
+    assert 0 < drawn <= len(lines) <= drawn + 1 < 4000
+
+
+def test_a_full_disk_is_one_line(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "out" / "predictions.jsonl"
+    with pytest.raises(SystemExit, match=f"^error: {path}: cannot be written"), longest_file(500):
+        run()
+    assert path.stat().st_size == 500
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+@pytest.mark.parametrize(
+    ("output", "said"),
+    [(">/dev/full", "standard output: cannot be written"), (">&-", "standard output is closed")],
+)
+def test_output_that_cannot_be_written_is_one_line(
+    output: str, said: str, model: Path, inputs: list[str]
+) -> None:
+    command = [*PREDICT, *inputs, "--model", str(model), "--view-deg", "95", "--diameter-mm", "3"]
+    done = subprocess.run(
+        ["sh", "-c", f'"$@" {output}', "sh", *command], capture_output=True, text=True
+    )
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"error: {said}")
+    assert done.returncode == 1
+
+
+def test_warnings_never_become_results(model: Path, inputs: list[str]) -> None:
+    command = [*PREDICT, *inputs, "--model", str(model)]
+    done = subprocess.run(["sh", "-c", '"$@" 2>&-', "sh", *command], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert all(line.startswith('{"image"') for line in done.stdout.splitlines())
