@@ -14,11 +14,14 @@ from tempfile import TemporaryDirectory
 from pipelines.train import FOLDERS
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.shard_index import shard_paths
+from shaftpose.dataset.split import PARTS
+from shaftpose.network.building import initial_network
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.parsing import to_json
 from shaftpose.settings.tree import Settings
 from shaftpose.training import bare
 from shaftpose.training.pieces import write_pieces
+from shaftpose.training.recipe import training_recipe
 
 ROOT = Path(__file__).parents[1]
 PACK = "pack.tar.gz"
@@ -40,7 +43,7 @@ def main() -> None:
 def pack(settings: Settings, folder: Path, wheels: Path | None, most_bytes: int) -> None:
     """Write the pieces of a training, and the script, to a folder.
 
-    wheels: folder of packages that the other machine lacks. Raises InputError if data are missing.
+    wheels: folder of packages that the other machine lacks. Raises as `write_files` does.
     """
     with TemporaryDirectory() as scratch:
         inside = Path(scratch) / "pack"
@@ -53,14 +56,18 @@ def pack(settings: Settings, folder: Path, wheels: Path | None, most_bytes: int)
 
 
 def write_files(settings: Settings, folder: Path) -> None:
-    """Write settings, code and data of a training to a folder."""
+    """Write settings, code and data of a training to a folder.
+
+    Raises InputError if data are missing, or the detector does not fit the network.
+    """
+    initial_network(training_recipe(settings).variant)  # does its detector fit?
     package = ROOT / "src/shaftpose"
     for path in package.rglob("*.py"):
         copy(path, folder / path.relative_to(package.parent))
     for path in shard_paths(FOLDERS.rendered):
         copy(path, folder / bare.FOLDERS.rendered / path.name)
-    for path in FOLDERS.split.glob("*.csv"):
-        copy(path, folder / bare.FOLDERS.split / path.name)
+    for part in PARTS:
+        copy(FOLDERS.split / f"{part}.csv", folder / bare.FOLDERS.split / f"{part}.csv")
     variant = settings.variant
     if variant.real_share > 0:
         files = [image.path for image in FOLDERS.mixed_in_images()]

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -77,7 +78,20 @@ def test_a_packed_training_comes_back(project: Path) -> None:
         assert f"1,{name},{run.data.metrics[name]}" in curves
 
 
-def test_missing_data_are_named(project: Path) -> None:
-    DETECTOR.unlink()
-    with pytest.raises(InputError, match=f"^{DETECTOR}: missing; run the stages"):
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda: Path("data/split/train.csv").unlink(), "^data/split/train.csv: missing; run the"),
+        (DETECTOR.unlink, f"^{DETECTOR}: no such checkpoint"),
+    ],
+)
+def test_missing_data_are_named(project: Path, change: Callable[[], None], says: str) -> None:
+    change()
+    with pytest.raises(InputError, match=says):
         pack(settings_with(*SIZES), project / "pack", wheels=None, most_bytes=PIECE)
+
+
+def test_a_detector_of_another_size_is_refused(project: Path) -> None:
+    with pytest.raises(InputError, match="holds a network of"):
+        wider = settings_with(*SIZES, "profiles.smoke.width=0.25")
+        pack(wider, project / "pack", wheels=None, most_bytes=PIECE)
