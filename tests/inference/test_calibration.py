@@ -94,6 +94,7 @@ def test_a_fisheye_frame_is_undistorted_and_leads_back(k1: float) -> None:
         (300.0, (320.0, -1.0), 0.0, "lies outside of its frames of 640 x 480 px"),
         (300.0, (320.0, 240.0), -0.8, "folds back 129 px from the principal point, within"),
         (300.0, (320.0, 240.0), -1e300, "folds back 0 px"),
+        (300.0, (320.0, 240.0), 1e6, "without lens distortion, [0-9]+ x [0-9]+ px are left"),
         (1e-9, (320.0, 240.0), 0.0, "focal length of 1e-09 px is not that of frames"),
         (1e300, (320.0, 240.0), 0.0, "focal length of 1e[+]300 px"),
     ],

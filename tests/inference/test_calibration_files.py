@@ -109,6 +109,8 @@ def test_what_opencv_writes_is_read(suffix: str, tmp_path: Path) -> None:
         ("---", "---\ndistortion_model: 3", "distortion_model: "),
         ("---", "---\nxi: 1.2", "distortion_model: omnidirectional is not supported"),
         ("320.5", "720.5", "the camera's principal point"),
+        ("rows: 3", f"{'9' * 40}: 3", "no calibration file"),
+        ("-2.5e-01", "9" * 40, "no calibration file"),
         (FILE, "[1, 2]", "no calibration file"),
         (FILE, "%YAML:1.0\n---\n- 1\n- 2\n", "no calibration file"),
         (FILE, "%YAML:1.0\n---\na: " + "[" * 100_000, "no calibration file: it is too large, or"),
@@ -202,6 +204,11 @@ def test_a_calibration_is_for_frames_of_its_own_size(tmp_path: Path) -> None:
     for width, height in ((1280, 960), (480, 640), (640, 360)):
         with pytest.raises(InputError, match=f"has {width} x {height} px, .* of 640 x 480 px"):
             camera(width, height)
+
+
+def test_an_angle_that_no_camera_has_is_named() -> None:
+    with pytest.raises(InputError, match="a focal length of .* px is not that of frames"):
+        stated_view(1e-5)(640, 480)
 
 
 def test_a_stated_view_is_that_of_the_central_square() -> None:

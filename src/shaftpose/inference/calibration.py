@@ -22,7 +22,9 @@ _TANGENT_STEP = 1e-6
 _WIDEST = 2.75  # of rays in an undistorted picture, whose size grows with it: 70 deg from the axis
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 _AXES = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
-_FOCAL_LENGTHS = 0.02, 100.0  # of a frame's longer side; a fisheye lens of 180 deg has 0.3
+# Of a frame's longer side; a fisheye lens of 180 deg has 0.3.
+_FOCAL_LENGTHS = 0.005, 100.0
+_LEAST_LEFT = 0.1  # of a frame's side that an undistorted picture shows
 
 
 class Places(NamedTuple):
@@ -98,6 +100,12 @@ class Calibration:
             raise InputError(
                 f"the lens distortion folds back {self._fold_px:.0f} px from the principal point, "
                 f"within its {frames}; calibrate again, with corners up to the frame's border"
+            )
+        left = self.undistorted(self.focal_px)
+        if min(left.width / self.width, left.height / self.height) < _LEAST_LEFT:
+            raise InputError(
+                f"without lens distortion, {left.width} x {left.height} px are left of its "
+                f"{frames}; calibrate again"
             )
 
     def cuts(self) -> list[str]:

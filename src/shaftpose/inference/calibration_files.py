@@ -33,8 +33,14 @@ _OFF_CENTRE = 0.2  # of a side: a principal point farther from the middle belong
 
 def stated_view(view_deg: float) -> FrameCamera:
     """A centred camera without distortion for frames of any size, with this angle across their
-    central square."""
-    return lambda width, height: Calibration.pinhole(width, height, view_deg)
+    central square. Raises InputError if no camera has it."""
+
+    def camera(width: int, height: int) -> Calibration:
+        calibration = Calibration.pinhole(width, height, view_deg)
+        calibration.check()
+        return calibration
+
+    return camera
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,21 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
 
     Raises InputError naming the file and the faulty entry.
     """
+    try:
+        camera, cameras = _camera_in(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, SystemError, cv2.error) as error:
+        raise _no_calibration(path) from error
+    if cameras > 1:
+        warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
+    if camera.size is not None:
+        camera(*camera.size)
+    return camera
+
+
+def _camera_in(path: Path) -> tuple[CameraFile, int]:
+    """The camera in a file, and the number of cameras in it. Raises OpenCV's exceptions, too."""
     storage = _opened(path)
     fisheye = _is_fisheye(path, storage)
     matrix = _numbers(path, storage, _MATRICES, (9,)).reshape(3, 3)
@@ -88,30 +109,25 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
             f"{matrix.ravel().tolist()}"
         )
     distortion = _numbers(path, storage, _DISTORTIONS, _OF_FISHEYE if fisheye else _COEFFICIENTS)
-    if not storage.getNode("M2").empty():
-        warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
     camera = CameraFile(path, _size(path, storage), matrix, distortion, fisheye)
-    if camera.size is not None:
-        camera(*camera.size)
-    return camera
+    return camera, 1 if storage.getNode("M2").empty() else 2
 
 
 def _opened(path: Path) -> cv2.FileStorage:
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MOST_CHARACTERS + 1)
-        if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
-            raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
-        if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
-            text = f"%YAML:1.0\n---\n{text}"
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        if storage.root().isMap():
-            return storage
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, SystemError, cv2.error):
-        pass
-    raise InputError(
+    with path.open(encoding="utf-8") as file:
+        text = file.read(_MOST_CHARACTERS + 1)
+    if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
+        raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
+    if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
+        text = f"%YAML:1.0\n---\n{text}"
+    storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    if not storage.root().isMap():
+        raise _no_calibration(path)
+    return storage
+
+
+def _no_calibration(path: Path) -> InputError:
+    return InputError(
         f"{path}: no calibration file; name one that a program of OpenCV or ROS has written"
     )
 
