@@ -18,7 +18,7 @@ from typing import Any
 
 import psutil
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.samples import sample_key
@@ -75,6 +75,15 @@ def lone_client() -> Iterator[Client]:
     """One worker, which renders the shards in order."""
     with workers(1) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def running_scheduler() -> Iterator[str]:
+    """The address of a scheduler with one worker, as a user has started it, without keys."""
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="module")
@@ -195,10 +204,9 @@ def test_finished_shards_are_linked_not_copied(
 
 
 def test_the_images_depend_neither_on_the_workers_nor_on_who_started_them(
-    rendered: RenderedSet, undisturbed: tuple[Path, Path], lone_client: Client, tmp_path: Path
+    rendered: RenderedSet, undisturbed: tuple[Path, Path], running_scheduler: str, tmp_path: Path
 ) -> None:
-    assert lone_client.cluster is not None
-    with workers(99, address=lone_client.cluster.scheduler_address) as client:
+    with workers(99, address=running_scheduler) as client:
         assert len(client.nthreads()) == 1
         render(rendered, tmp_path, client)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
@@ -427,10 +435,9 @@ def test_a_killed_run_leaves_no_process_and_continues_to_the_same_bytes(
 
 
 def test_workers_of_others_drop_the_shards_of_a_run_that_was_killed(
-    rendered: RenderedSet, lone_client: Client, tmp_path: Path
+    rendered: RenderedSet, running_scheduler: str, tmp_path: Path
 ) -> None:
-    assert lone_client.cluster is not None
-    process = start_run(rendered, tmp_path, lone_client.cluster.scheduler_address)
+    process = start_run(rendered, tmp_path, running_scheduler)
     blender = stopped_in_the_middle(tmp_path)
     process.kill()
     process.communicate(timeout=PATIENCE_S)
