@@ -260,7 +260,7 @@ def test_an_image_without_poses_teaches_its_masks_and_where_no_tips_are() -> Non
     loss_terms(mask, maps, targets._replace(instances=known))["loss"].backward()
     assert mask.grad is not None and maps.grad is not None
     assert mask.grad[1].any() and not maps.grad[1, 1:].any()
-    assert maps.grad[1, 0].any() and not maps.grad[1, 0, :14].any()  # rows above 50 px, and near
+    assert maps.grad[1, 0].any() and not maps.grad[1, 0, :, :14].any()  # to 50 px, and near
     assert not mask.grad[1, :, :, :24].any()  # half the resolution
 
 
