@@ -1,75 +1,76 @@
-"""Initial poses, for a fit, of shafts that the mask shows and no detection explains.
+"""Poses from which fits start: near a network's pose, and on straight runs of a mask.
 
-Where a tip is hidden or continues in jaws, a network's heat map often misses it, while the mask
-still shows the shaft.
+Where a tip is hidden, lies outside the image or continues in jaws, a network's heat map often
+misses it, while the mask still shows the shaft.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, unsigned_deg
-from shaftpose.refinement.contour import Array, Shaft, shaft_contour
+from shaftpose.core.geometry import Camera, axis_direction, projected_axes, unsigned_deg
+from shaftpose.refinement.contour import Array, Shaft
+from shaftpose.refinement.pose_parameters import with_pitch
+from shaftpose.refinement.straight_runs import Run, straight_runs
 
-_MARGIN_PX = 7  # around an explained shaft: pixels that belong to it, too
-_OPENING = np.ones((5, 5), np.uint8)  # thinner regions are no shafts
-_LEAST_PX = 300  # of a region
-_LEAST_LENGTH = 1.2  # of a region, in widths
-_END_SHARE, _END_PX = 0.12, 6.0  # of a region's length: the end that gives tip and width
-_DEPTHS_MM = (5.0, 60.0)
-_PITCHES_DEG = (60.0, 85.0)  # from one of them, the fit converges
+_PITCHES_DEG = (60.0, 85.0)  # if those of the training are unknown
+_OFF, _OFF_PX = 0.25, 3.0  # widths: the axis of an explained run is not farther from its ends
+_PLACE = 0.7  # of a run, from its tip: where its width tells the depth; near a tip there are jaws
 
 
-def initial_poses_from_mask(
-    mask: NDArray[np.float32], poses: Sequence[Array], shaft: Shaft, camera: Camera
-) -> Array:
-    """Initial poses (M, 5), two for each region of a mask (H, W) in [0, 1] that no shaft with one
-    of `poses` covers.
+class Starts(NamedTuple):
+    """Initial poses of one shaft, and the pose that was known before; None: each of them is."""
 
-    The tip is the end of the region that is farther from the image's border. The region's width
-    gives the depth.
-    """
-    shown = (mask > 0.5).astype(np.uint8)
-    for pose in poses:
-        _erase(shown, pose, shaft, camera)
-    count, regions, statistics, _ = cv2.connectedComponentsWithStats(
-        cv2.morphologyEx(shown, cv2.MORPH_OPEN, _OPENING)
-    )
-    large = [n for n in range(1, count) if statistics[n, cv2.CC_STAT_AREA] >= _LEAST_PX]
-    found = [pose for n in large for pose in _poses_of(regions == n, shaft, camera)]
-    return np.array(found).reshape(-1, 5)
+    poses: Sequence[Array]
+    known: Array | None
 
 
-def _erase(shown: NDArray[np.uint8], pose: Array, shaft: Shaft, camera: Camera) -> None:
-    """Set the pixels of a shaft and of a margin around it to 0."""
-    points = shaft_contour(pose, shaft, camera).points
-    if len(points):
-        hull = cv2.convexHull(points.astype(np.float32)).round().astype(np.int32)
-        cv2.fillConvexPoly(shown, hull, (0,))
-        cv2.polylines(shown, [hull], True, (0,), 2 * _MARGIN_PX)
+def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> Starts:
+    """Starts at a known pose (5,) with several pitches, of which a network knows least; None: with
+    its own."""
+    if pitches_deg is None:
+        return Starts([pose], pose)
+    return Starts([with_pitch(pose, pitch) for pitch in pitches_deg], pose)
 
 
-def _poses_of(region: NDArray[np.bool_], shaft: Shaft, camera: Camera) -> list[Array]:
-    """The poses of one region; none if it is not long enough."""
-    points = np.argwhere(region)[:, ::-1] + 0.5
-    middle = points.mean(axis=0)
-    direction = np.linalg.svd(points - middle, full_matrices=False)[2][0]
-    ends = [_end(points, middle, sign * direction) for sign in (1, -1)]
-    (tail, tail_width), (tip, width) = sorted(ends, key=lambda end: float(camera.border_px(end[0])))
-    if np.linalg.norm(tail - tip) < _LEAST_LENGTH * max(tail_width, width):
-        return []
-    z_mm = float(np.clip(camera.focal_px * shaft.diameter_mm / width, *_DEPTHS_MM))
-    x_mm, y_mm = camera.lift(tip, z_mm)
-    yaw_deg = unsigned_deg(float(np.degrees(np.arctan2(*(tail - tip)[::-1]))))
-    return [np.array([x_mm, y_mm, z_mm, pitch, yaw_deg]) for pitch in _PITCHES_DEG]
+def starts_on_mask(
+    mask: NDArray[np.float32],
+    explained: Array,
+    pitches_deg: Sequence[float] | None,
+    shaft: Shaft,
+    camera: Camera,
+) -> list[Starts]:
+    """Starts on each straight run of a mask (H, W) in [0, 1] that does not lie on the axis of one
+    of the poses `explained` (K, 5)."""
+    tips, behind = np.moveaxis(projected_axes(explained, camera), 1, 0)
+    axes = behind - tips
+    axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
+    runs = [run for run in straight_runs(mask, camera) if not _on_any(run, tips, axes)]
+    pitches = _PITCHES_DEG if pitches_deg is None else pitches_deg
+    return [Starts([pose_of(run, each, shaft, camera) for each in pitches], None) for run in runs]
 
 
-def _end(points: Array, middle: Array, direction: Array) -> tuple[Array, float]:
-    """The end (2,) px of a region of points (N, 2) in a direction, and the width there, px."""
-    across = np.array([-direction[1], direction[0]])
-    along, aside = (points - middle) @ direction, (points - middle) @ across
-    last = aside[along > along.max() - max(_END_PX, _END_SHARE * np.ptp(along))]
-    low, high = np.quantile(last, [0.03, 0.97])  # without stray pixels
-    return middle + along.max() * direction + np.median(last) * across, float(high - low + 1)
+def _on_any(run: Run, tips: Array, axes: Array) -> bool:
+    """Whether a run lies on one of the lines through `tips` with the directions `axes`, (K, 2)."""
+    offsets = run.ends - tips[:, None]
+    aside = np.abs(offsets[..., 0] * axes[:, None, 1] - offsets[..., 1] * axes[:, None, 0])
+    return bool((aside < np.maximum(_OFF * run.widths, _OFF_PX)).all(axis=1).any())
+
+
+def pose_of(run: Run, pitch_deg: float, shaft: Shaft, camera: Camera) -> Array:
+    """The pose (5,) with a pitch of which a run is the image. A tip outside the image is a width
+    beyond the end of the run."""
+    place = run.ends[0] + _PLACE * (run.ends[1] - run.ends[0])
+    width = run.widths[0] + _PLACE * (run.widths[1] - run.widths[0])
+    depth = camera.focal_px * shaft.diameter_mm / width
+    yaw_deg = unsigned_deg(float(np.degrees(np.arctan2(run.direction[1], run.direction[0]))))
+    level = np.array([*camera.lift(place, depth), depth, 90.0, yaw_deg])
+    inclined = with_pitch(level, pitch_deg)
+    end = run.ends[0] - run.outside * run.widths[0] * run.direction
+    ray = np.array([*camera.lift(end, 1.0), 1.0])
+    # The tip is where the ray through the end meets the axis through the place.
+    both = np.column_stack([ray, axis_direction(inclined[3], inclined[4])])
+    z_mm = np.linalg.lstsq(both, inclined[:3], rcond=None)[0][0]
+    return np.array([*(z_mm * ray), *inclined[3:]])

@@ -16,7 +16,7 @@ from shaftpose.refinement.contour_sampling import scaled
 from shaftpose.refinement.crossings import Outline, leaving_out, met_outlines
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import EdgeErrors, Fit, Search, Stage, fit_pose
-from shaftpose.refinement.initial_poses import initial_poses_from_mask
+from shaftpose.refinement.initial_poses import Starts, starts_at, starts_on_mask
 from shaftpose.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
@@ -83,7 +83,7 @@ class Refiner:
             self._least_arc = 0.0
         self._pitches_deg = low, high = pitches_deg or (0.0, 180.0)
         places = (np.arange(_STARTS) + 0.5) / _STARTS
-        self._starts_deg = None if pitches_deg is None else low + (high - low) * places
+        self._starts_deg = None if pitches_deg is None else list(low + (high - low) * places)
 
     def __call__(
         self,
@@ -106,25 +106,33 @@ class Refiner:
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
         evidence = _Evidence(wide, pictures, camera)
-        fitted = self._fitted(found, evidence)
+        starts = [starts_at(pose, self._starts_deg) for pose in found.poses]
+        fitted = self._fitted(found, starts, evidence)
         if self.shaft.flat_tip:
-            explained = list(fitted.above(_EXPLAINS).poses)
-            starts = initial_poses_from_mask(wide, explained, self.shaft, camera)
-            scores = np.full(len(starts), _MASK_ALONE)
-            shown = Detections(starts[:, :4], scores, starts)
-            fitted = _joined(fitted, self._fitted(shown, evidence))
+            fitted = _joined(fitted, self._on_mask_alone(fitted.above(_EXPLAINS).poses, evidence))
         order = np.argsort(-fitted.scores, kind="stable")
         kept = fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
         return self._apart(kept, evidence)
 
-    def _fitted(self, found: Detections, evidence: _Evidence) -> FittedDetections:
-        """All detections, with fitted poses where there are enough edges, and with new scores."""
+    def _on_mask_alone(self, explained: Array, evidence: _Evidence) -> FittedDetections:
+        """The shafts that the mask shows next to those with the poses `explained` (K, 5)."""
+        mask, _, camera = evidence
+        starts = starts_on_mask(mask, explained, self._starts_deg, self.shaft, camera)
+        poses = np.array([each.poses[0] for each in starts]).reshape(-1, 5)
+        scores = np.full(len(poses), _MASK_ALONE)
+        return self._fitted(Detections(poses[:, :4], scores, poses), starts, evidence)
+
+    def _fitted(
+        self, found: Detections, starts: Sequence[Starts], evidence: _Evidence
+    ) -> FittedDetections:
+        """All detections, with poses fitted from their starts where there are enough edges, and
+        with new scores."""
         camera = evidence.camera
         tips = np.array([tip_state(pose, camera) for pose in found.poses], dtype="<U7")
         boxes, poses = found.boxes.copy(), found.poses.copy()
         fitted = FittedDetections(boxes, found.scores, poses, np.full_like(poses, np.nan), tips)
-        for row, start in enumerate(found.poses):
-            self._fit_row(fitted, row, start, evidence, ())
+        for row, each in enumerate(starts):
+            self._fit_row(fitted, row, each, evidence, ())
         rows = zip(found.scores, fitted.poses, strict=True)
         scores = [supported(*row, evidence.mask, self.shaft, camera) for row in rows]
         return replace(fitted, scores=np.array(scores))
@@ -134,19 +142,20 @@ class Refiner:
         met = met_outlines(fitted.poses, self.shaft, evidence.camera)
         for row, outlines in enumerate(met):
             if outlines and np.isfinite(fitted.deviations[row]).all():
-                self._fit_row(fitted, row, fitted.poses[row], evidence, outlines)
+                starts = starts_at(fitted.poses[row], self._starts_deg)
+                self._fit_row(fitted, row, starts, evidence, outlines)
         return fitted
 
     def _fit_row(
         self,
         fitted: FittedDetections,
         row: int,
-        start: Array,
+        starts: Starts,
         evidence: _Evidence,
         others: Sequence[Outline],
     ) -> None:
         """Replace a row by the last of the fits that is in sight, if there is one."""
-        camera, fits = evidence.camera, self._fits(start, evidence, others)
+        camera, fits = evidence.camera, self._fits(starts, evidence, others)
         for fit in reversed(fits):
             points = shaft_contour(fit.pose, self.shaft, camera).points
             if not len(points):  # the last step has led out of sight
@@ -160,11 +169,11 @@ class Refiner:
                 fitted.boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
             return
 
-    def _fits(self, start: Array, evidence: _Evidence, others: Sequence[Outline]) -> list[Fit]:
+    def _fits(self, starts: Starts, evidence: _Evidence, others: Sequence[Outline]) -> list[Fit]:
         """The fit to the mask, followed by a fit to the edges of each picture in turn; failed ones
         are left out. Empty if the fit to the mask fails."""
         search = leaving_out(others, partial(mask_offsets, evidence.mask))
-        on_mask = self._on_mask(start, search, evidence.camera)
+        on_mask = self._on_mask(starts, search, evidence.camera)
         if on_mask is None:
             return []
         fits = [on_mask]
@@ -192,16 +201,15 @@ class Refiner:
             prior.information_in(enlarged), prior.pose, self._pitches_deg,
         )  # fmt: skip
 
-    def _on_mask(self, start: Array, search: Search, camera: Camera) -> Fit | None:
-        """The best of the fits to the mask from several pitches, of which a network knows least."""
+    def _on_mask(self, starts: Starts, search: Search, camera: Camera) -> Fit | None:
+        """The best of the fits to the mask from several poses."""
         prior = np.diag(_NETWORK_PRIOR**-2)
-        pitches = start[3:4] if self._starts_deg is None else self._starts_deg
         fits = [
             fit_pose(
-                np.array([*start[:3], pitch, start[4]]), self.shaft, camera, search, _MASK_STAGES,
-                _MASK_ERRORS, prior, start, self._pitches_deg,
+                pose, self.shaft, camera, search, _MASK_STAGES, _MASK_ERRORS, prior, starts.known,
+                self._pitches_deg,
             )
-            for pitch in pitches
+            for pose in starts.poses
         ]  # fmt: skip
         residuals = [
             np.inf if fit is None else self._residual(fit.pose, search, camera) for fit in fits
