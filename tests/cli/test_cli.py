@@ -297,6 +297,36 @@ def test_earlier_results_are_kept(model: Path, frame: Path, tmp_path: Path) -> N
     assert (tmp_path / "predictions.jsonl").read_text() == "earlier"
 
 
+@pytest.mark.parametrize("kind", ["pipe", "device", "link"])
+def test_what_is_no_file_is_named_and_skipped(
+    kind: str, model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.png"
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero" if kind == "device" else path)
+    film = tmp_path / "film"
+    film.symlink_to(path)
+    with pytest.raises(SystemExit, match="^error: sources that failed, see above: 2$"):
+        main(["predict", str(tmp_path), str(film), "--model", str(model)])
+    printed = capsys.readouterr()
+    assert [line["image"] for line in results(printed.out)] == [str(frame)]
+    assert f"error: {path}: cannot be read" in printed.err and f"error: {film}: " in printed.err
+
+
+def test_names_do_not_command_the_terminal(
+    model: Path, frame: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = frame.rename(tmp_path / "\x1b[31mred.png")
+    (tmp_path / "\x1b[2Jbad.png").write_text("no image")
+    with pytest.raises(SystemExit):
+        main(["predict", str(tmp_path), "--model", str(model), "--format", "csv"])
+    printed = capsys.readouterr()
+    assert str(named) in printed.out  # into a file or a pipe, names go as they are
+    assert r"\x1b[2Jbad.png: not a readable image" in printed.err and "\x1b" not in printed.err
+
+
 def test_no_image_is_overwritten_by_a_drawing(model: Path, frame: Path, tmp_path: Path) -> None:
     photo = tmp_path / "frame.jpg"
     cv2.imwrite(str(photo), cv2.imread(str(frame)))

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.inference.annotated_files import annotated_files, draw_shafts, unused
@@ -56,6 +57,30 @@ def test_a_tip_that_is_not_seen_has_a_hollow_mark() -> None:
         drawn = draw_shafts(grey(0, 1200, 900), [replace(SHAFT, tip=tip)])
         # Just behind the tip, next to the axis and inside of the mark.
         assert bool(drawn[104, 197].any()) == filled
+
+
+@pytest.mark.parametrize("tip", [(200.0, 100.0), (-50.0, -50.0), (900.0, 900.0)])
+def test_each_shaft_has_its_number_at_its_tip(tip: tuple[float, float]) -> None:
+    axis = np.array([tip, tip])
+    shafts = [replace(SHAFT, axis_px=axis, track=number) for number in (1, 12)]
+    first, second = (draw_shafts(grey(0), [shaft]).max(axis=2) for shaft in shafts)
+    x, y = np.clip(tip, (2, 14), (396, 296)).astype(int)
+    near = slice(max(y - 20, 0), y + 1), slice(max(x - 12, 0), x + 24)
+    assert (first[near] != second[near]).any()
+    number_and_pose = first != second
+    number_and_pose[near] = False
+    assert not number_and_pose[:270].any()
+
+
+def test_a_name_that_is_too_long_for_a_drawing_is_named(tmp_path: Path) -> None:
+    """A name has at most 255 bytes."""
+    with annotated_files(tmp_path) as files:
+        files.add(Frame(f"{'a' * 250}.png", 0, grey(40)), [])
+        for frame in (Frame("a" * 255, 0, grey(40)), film_frame("é" * 126 + ".avi", 0, grey(40))):
+            with pytest.raises(InputError, match=r"^no drawing: .* is too long for a name") as said:
+                files.add(frame, [])
+            assert not isinstance(said.value, UnwritableError)
+    assert [path.name for path in tmp_path.iterdir()] == [f"{'a' * 250}.jpg"]
 
 
 def test_lines_grow_with_the_frame() -> None:
@@ -162,6 +187,16 @@ def test_a_folder_whose_name_opencv_cannot_take_is_named(tmp_path: Path) -> None
         annotated_files(tmp_path / "caf\udce9") as files,
     ):
         files.add(film_frame("clip.avi", 0, grey(40)), [])
+
+
+def test_a_file_of_the_user_is_left_alone(tmp_path: Path) -> None:
+    """A link to a device, and what looks like an unfinished copy."""
+    (tmp_path / "a.jpg").symlink_to("/dev/null")
+    (tmp_path / "a-2.jpg.part").write_text("mine")
+    with annotated_files(tmp_path) as files:
+        files.add(Frame("a.png", 0, grey(40)), [])
+    assert (tmp_path / "a-2.jpg").stat().st_size > 1000
+    assert (tmp_path / "a-2.jpg.part").read_text() == "mine"
 
 
 def test_no_file_is_overwritten(tmp_path: Path) -> None:

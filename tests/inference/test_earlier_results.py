@@ -17,7 +17,7 @@ RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 SHAFT = FoundShaft(
     0.9, np.zeros(4), np.zeros((2, 2)), ShaftPose(1, 2, 20, 90, 0), True, "seen"
 )  # fmt: skip
-IMAGES = [Frame(name, 0, RGB) for name in ("f/a.png", "f/b\n.png", "caf\udce9.png")]
+IMAGES = [Frame(name, 0, RGB) for name in ("f/a.png", "f/b\r\n.png", "caf\udce9.png", "=1.png")]
 FILM = [Frame("film.mp4", number, RGB, number / 25) for number in range(3)]
 
 
@@ -45,8 +45,8 @@ def test_the_last_frame_is_dropped(style: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frames", "tracked", "drawn", "kept"),
     [
-        ([*IMAGES, *FILM], False, True, 3),
-        ([*IMAGES, *FILM], True, False, 3),
+        ([*IMAGES, *FILM], False, True, 4),
+        ([*IMAGES, *FILM], True, False, 4),
         ([*FILM, *IMAGES[:2]], False, True, 4),
         ([*FILM, *IMAGES[:2]], True, False, 3),
         ([*FILM, *IMAGES], True, False, 5),

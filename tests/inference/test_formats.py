@@ -60,6 +60,14 @@ def test_csv_holds_a_shaft_in_a_line() -> None:
     assert csv_lines(Frame("a.png", 0, RGB), []) == ""
 
 
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "\t", "\r"])
+def test_no_name_is_a_formula(sign: str) -> None:
+    text = csv_lines(Frame(f"{sign}1+1.jpg", 0, RGB), [SHAFT])
+    ((name, *_),) = csv.reader(io.StringIO(text, newline=""))
+    assert name == f"./{sign}1+1.jpg"
+    assert csv_lines(Frame(f"a{sign}b.jpg", 0, RGB), [SHAFT]).lstrip('"').startswith("a")
+
+
 def test_bops_table_holds_rotation_and_translation() -> None:
     """Pitch 90, yaw 0: the shaft's z is the camera's x, its x the camera's z."""
     bop = format_of_run("bop")

@@ -2,6 +2,7 @@
 
 import logging
 import re
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+import shaftpose
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import read_rgb
 from shaftpose.export.onnx_export import store_metadata
@@ -113,3 +115,10 @@ def test_the_readmes_lines_run(
     monkeypatch.chdir(tmp_path)
     exec(lines[1], {})
     assert "ShaftPose(" in capsys.readouterr().out
+
+
+def test_the_package_gives_what_users_need() -> None:
+    assert shaftpose.load is load
+    assert shaftpose.__version__ == version("shaftpose")
+    with pytest.raises(AttributeError, match="has no attribute 'unload'"):
+        shaftpose.unload  # noqa: B018

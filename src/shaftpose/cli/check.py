@@ -55,14 +55,17 @@ def videos() -> str:
     import cv2
     import numpy as np
 
+    from shaftpose.inference.annotated_files import codec
+
     with TemporaryDirectory() as folder:
         path = f"{folder}/video.mp4"
-        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"mp4v"), 25, (64, 64))
+        writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*codec()), 25, (64, 64))
         writer.write(np.zeros((64, 64, 3), dtype=np.uint8))
         writer.release()
         if not cv2.VideoCapture(path).read()[0]:
             raise InputError("OpenCV cannot write MP4; reinstall opencv-python-headless")
-    return "OpenCV writes and reads MP4"
+    plays = "H.264" if codec() == "avc1" else "MPEG-4, which browsers do not play"
+    return f"OpenCV writes and reads MP4 with {plays}"
 
 
 def model(name: str) -> str:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 
 from shaftpose.cli.options import parser
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, printable
 
 _ENDINGS = (signal.SIGTERM, *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()))
 _INTERRUPTED = 130  # the shells' status for Ctrl-C
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except InputError as error:
         with suppress(InputError):
             _flush_output()
-        sys.exit(f"error: {error}")
+        sys.exit(f"error: {printable(str(error))}")
     except BrokenPipeError:  # the reader of our output has enough, as in `| head`
         _forget_output()
         sys.exit(1)

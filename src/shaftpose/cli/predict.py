@@ -12,7 +12,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, printable
 from shaftpose.inference.annotated_files import annotated_files
 from shaftpose.inference.chunk_worker import PredictedImage
 from shaftpose.inference.earlier_results import Earlier, continued
@@ -159,9 +159,9 @@ def progress_bar(named: Iterable[Source], done: int, hidden: bool) -> "tqdm[NoRe
 
 def warn(message: str) -> None:
     """Print a warning to standard error, above the progress bar if there is one."""
-    tqdm.write(f"warning: {message}", file=sys.stderr)
+    tqdm.write(f"warning: {printable(message)}", file=sys.stderr)
 
 
 def report(message: str) -> None:
     """Print an error that does not end the command."""
-    tqdm.write(f"error: {message}", file=sys.stderr)
+    tqdm.write(f"error: {printable(message)}", file=sys.stderr)

@@ -15,10 +15,15 @@ class InputError(ValueError):
     """
 
 
+def printable(text: str) -> str:
+    """Text for a terminal: names of files may hold codes that command it, and line feeds."""
+    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+
+
 @contextmanager
 def exit_on_input_error() -> Iterator[None]:
     """End the command with one line and status 1 if an InputError is raised inside."""
     try:
         yield
     except InputError as error:
-        sys.exit(f"error: {error}")
+        sys.exit(f"error: {printable(str(error))}")

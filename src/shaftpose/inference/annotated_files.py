@@ -3,11 +3,15 @@
 import os
 from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
+import numpy as np
 from cv2.typing import MatLike
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image, encode_jpeg
 from shaftpose.figures.drawing import (
     FOUND,
@@ -23,33 +27,43 @@ from shaftpose.inference.result_stream import UnwritableError, incomplete, namin
 from shaftpose.inference.video_files import opencv_takes, stated_length
 
 _LONGEST_GAP_S = 10.0  # between frames of a video, that a drawing keeps
-_JPEG_QUALITY = 95
+_JPEG_QUALITY, _LONGEST_NAME = 95, 255  # bytes
+_H264, _MPEG4 = "avc1", "mp4v"
 _PLAIN_PX = 299  # side of a frame with lines of one pixel
 
 
 def draw_shafts(rgb: Image, shafts: Sequence[FoundShaft]) -> Image:
-    """Draw boxes, tips, axes and poses (mm, deg) on a copy of a frame (H, W, 3).
+    """Draw boxes, tips, axes and poses (mm, deg) on a copy of a frame (H, W, 3), with a number for
+    each shaft at its tip and its pose.
 
     The mark of a tip is hollow if the image does not show it. Poses that are not metric say so.
     """
     drawn, scale = rgb.copy(), max(min(rgb.shape[:2]) / _PLAIN_PX, 0.5)
     thickness, bits = max(round(scale), 1), SUBPIXEL_BITS
     for row, shaft in enumerate(sorted(shafts, key=lambda shaft: shaft.track or 0)):
+        number = shaft.track or row + 1
         low, high = subpixel_grid(shaft.box.reshape(2, 2)).tolist()
         cv2.rectangle(drawn, low, high, FOUND, thickness, cv2.LINE_AA, bits)
         tip, end = subpixel_grid(shaft.axis_px).tolist()
         cv2.line(drawn, tip, end, FOUND, thickness, cv2.LINE_AA, bits)
         filling = cv2.FILLED if shaft.tip == "seen" else thickness
         cv2.circle(drawn, tip, round(3 * scale) << bits, FOUND, filling, cv2.LINE_AA, bits)
-        below = round((8 + LINE_PX * row) * scale)
-        write_text(drawn, shaft_text(shaft), (round(4 * scale), rgb.shape[0] - below), FOUND, scale)
+        write_text(drawn, str(number), _beside(shaft, rgb, scale), FOUND, scale)
+        place = round(4 * scale), rgb.shape[0] - round((8 + LINE_PX * row) * scale)
+        write_text(drawn, f"{number}: {shaft_text(shaft)}", place, FOUND, scale)
     return drawn
 
 
+def _beside(shaft: FoundShaft, rgb: Image, scale: float) -> tuple[int, int]:
+    """The place of a shaft's number: over its tip, within the frame (H, W, 3)."""
+    height, width = rgb.shape[:2]
+    x, y = shaft.tip_px + [-5 * scale, -7 * scale]
+    return int(np.clip(x, 2, width - 12 * scale)), int(np.clip(y, 12 * scale, height - 4))
+
+
 def shaft_text(shaft: FoundShaft) -> str:
-    """The number, if it has one, and the pose (mm, deg) of a shaft; marked if not metric."""
-    number = "" if shaft.track is None else f"{shaft.track}: "
-    return number + pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
+    """The pose (mm, deg) of a shaft; marked if not metric."""
+    return pose_text(shaft.pose.as_array()) + ("" if shaft.metric else "  not metric")
 
 
 class AnnotatedFiles:
@@ -118,8 +132,7 @@ class AnnotatedVideo:
         self._source, self._shape, self._fps = first.source, first.rgb.shape, first.fps
         self._number, self._start_s = first.number, first.time_s or 0.0
         self._last: MatLike | None = None
-        code, size = cv2.VideoWriter.fourcc(*"mp4v"), first.rgb.shape[1::-1]
-        self._writer = cv2.VideoWriter(self._name, code, _writable_rate(first.fps), size)
+        self._writer = _writer(self._name, first)
         if not self._writer.isOpened():
             raise UnwritableError(
                 f"{path}: cannot be written as a video; name another folder by --out"
@@ -171,6 +184,26 @@ def annotated_files(folder: Path, again: Set[str] = frozenset()) -> Iterator[Ann
     files.close()
 
 
+def _writer(name: str, first: Frame) -> cv2.VideoWriter:
+    rate, size = _writable_rate(first.fps), first.rgb.shape[1::-1]
+    for code in (codec(), _MPEG4):  # H.264 takes no frames of odd sizes
+        writer = cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*code), rate, size)
+        if writer.isOpened():
+            break
+    return writer
+
+
+@cache
+def codec() -> str:
+    """The codec of drawings: H.264, which browsers play, if this OpenCV writes it, else MPEG-4."""
+    level = cv2.setLogLevel(0)
+    with TemporaryDirectory() as folder:
+        path, code = f"{folder}/video.mp4", cv2.VideoWriter.fourcc(*_H264)
+        found = cv2.VideoWriter(path, code, 25, (64, 64)).isOpened()
+    cv2.setLogLevel(level)
+    return _H264 if found else _MPEG4
+
+
 def _writable_rate(fps: float) -> float:
     """OpenCV writes rates as fractions, of which MPEG-4 takes no numerator above 65,535."""
     return round(fps, 3 if fps < 65 else 2 if fps < 650 else 0)
@@ -178,11 +211,13 @@ def _writable_rate(fps: float) -> float:
 
 def unused(folder: Path, stem: str, suffix: str) -> tuple[Path, Path | None]:
     """The first of the paths stem.suffix, stem-2.suffix, ... in a folder that does not exist, and
-    the one before it, if any."""
+    the one before it, if any. Raises InputError if its name is too long."""
     path, last, number = folder / f"{stem}.{suffix}", None, 1
     while os.path.lexists(path):
         number += 1
         path, last = folder / f"{stem}-{number}.{suffix}", path
+    if len(os.fsencode(path.name)) > _LONGEST_NAME:
+        raise InputError(f"no drawing: {path.name} is too long for a name; shorten the file's")
     return path, last
 
 

@@ -105,7 +105,8 @@ def _csv_rows(file: BinaryIO) -> Iterator[Row]:
         if len(found) < len(CSV_COLUMNS):  # the last name was cut
             return
         if start:
-            yield Row(found[0], int(found[1]), float(found[2]) if found[2] else None, start)
+            name = found[0].removeprefix("./")  # which no `Path` begins with
+            yield Row(name, int(found[1]), float(found[2]) if found[2] else None, start)
         start = end
 
 

@@ -20,6 +20,7 @@ CSV_COLUMNS = (
     "image", "frame", "time_s", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px",
     "axis_x_px", "axis_y_px", *POSE_DIMENSIONS, "metric", "tip", "track",
 )  # fmt: skip
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # that begin like these
 BOP_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _SHAFT, _UNKNOWN_TIME = 1, -1  # our object's number, and BOP's value for an unknown time
 
@@ -75,11 +76,16 @@ def _named(values: np.ndarray) -> dict[str, float]:
 def csv_lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
     """One line for each shaft."""
     return _table(
-        [frame.source, frame.number, _time_s(frame), row["score"], *row["box"], *row["tip_px"],
-         *row["axis_px"][1], *(row[name] for name in POSE_DIMENSIONS),
+        [_no_formula(frame.source), frame.number, _time_s(frame), row["score"], *row["box"],
+         *row["tip_px"], *row["axis_px"][1], *(row[name] for name in POSE_DIMENSIONS),
          "true" if row["metric"] else "false", row["tip"], row["track"]]
         for row in map(as_row, shafts)
     )  # fmt: skip
+
+
+def _no_formula(name: str) -> str:
+    """A file's name that no spreadsheet takes for a formula, and that still leads to the file."""
+    return f"./{name}" if name.startswith(_FORMULAS) else name
 
 
 class BopLines:
@@ -129,9 +135,15 @@ def _spaced(values: np.ndarray, digits: int) -> str:
 
 
 def _table(rows: Iterable[Sequence[object]]) -> str:
+    return "".join(map(_line, rows))
+
+
+def _line(row: Sequence[object]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
+    csv.writer(text).writerow(
+        row
+    )  # its own line ending makes it quote names that hold a part of it
+    return text.getvalue().removesuffix("\r\n") + "\n"
 
 
 def format_of_run(name: str) -> Format:

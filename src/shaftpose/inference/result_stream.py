@@ -1,13 +1,14 @@
 """Results as text, and the errors of outputs that cannot be written."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TextIO
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, printable
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.frames import FrameId
@@ -82,7 +83,8 @@ def result_stream(
             raise UnwritableError("standard output is closed; name a folder by --out")
         if isinstance(sys.stdout, TextIOWrapper):
             sys.stdout.reconfigure(errors=AS_NAMED)
-        yield ResultStream(sys.stdout, "standard output", style)
+        shown = replace(style, lines=_for_terminals(style)) if sys.stdout.isatty() else style
+        yield ResultStream(sys.stdout, "standard output", shown)
         return
     path = results_file(folder, style)
     with naming_unwritable(path):
@@ -93,6 +95,13 @@ def result_stream(
     finally:
         with suppress(OSError):  # the last write has named it
             stream.close()
+
+
+def _for_terminals(style: Format) -> Callable[[FrameId, Sequence[FoundShaft]], str]:
+    def lines(frame: FrameId, shafts: Sequence[FoundShaft]) -> str:
+        return "\n".join(map(printable, style.lines(frame, shafts).split("\n")))
+
+    return lines
 
 
 def results_file(folder: Path, style: Format) -> Path:

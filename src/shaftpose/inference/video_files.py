@@ -52,7 +52,8 @@ class VideoFile:
     def length(self) -> int | None:
         """The number of frames that the header states; None if it states none, or not all frames
         are wanted."""
-        if self.span != Span() or not opencv_takes(self.name):
+        readable = os.path.isfile(self.path) and opencv_takes(self.name)
+        if not readable or self.span != Span():
             return None
         return stated_length(cv2.VideoCapture(self.name))
 
