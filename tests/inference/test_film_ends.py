@@ -33,9 +33,10 @@ def test_a_box_may_reach_to_the_end_or_state_64_bits(tmp_path: Path) -> None:
     path, head = tmp_path / "clip.mp4", box(b"ftyp", bytes(8))
     path.write_bytes(head + b"\0\0\0\0mdat" + bytes(99))
     assert not is_cut(path)
-    for length in (100, 101):
+    for length in (100, 101, 2**64 - 1):
         path.write_bytes(head + b"\0\0\0\1mdat" + length.to_bytes(8, "big") + bytes(84))
         assert is_cut(path) == (length > 100)
+        assert film_seconds(path) is None
 
 
 @pytest.mark.parametrize(("sync", "length"), [(0, 188), (4, 192)])

@@ -3,7 +3,7 @@ are turned. OpenCV decodes the pixels, but neither tells nor does all of this.""
 
 import re
 from collections.abc import Iterator
-from itertools import takewhile
+from itertools import islice, takewhile
 from typing import Literal
 
 HEAD_BYTES = 32  # that `has_image_head` needs
@@ -14,6 +14,7 @@ _BEGINNINGS = re.compile(
     rb"\x59\xa6\x6a\x95|v/1\x01|#\?R",
     re.DOTALL,
 )
+_MOST_PARTS = 100_000  # of a file, that are looked at
 _ORIENTATION = 0x112  # EXIF's tag
 _ANIMATION = (b"acTL", b"fcTL", b"fdAT")  # chunks of animated PNG
 
@@ -26,7 +27,7 @@ def has_image_head(head: bytes) -> bool:
 def picture_count(data: bytes) -> int:
     """The pages or animated pictures of an image file; 1 for formats that have no more."""
     if data[:2] in (b"II", b"MM"):
-        return sum(1 for _ in _Tiff(data).directories())
+        return sum(1 for _ in islice(_Tiff(data).directories(), _MOST_PARTS))
     if data[:4] == b"\x89PNG":
         counts = (int.from_bytes(chunk[8:12], "big") for chunk in _animation(data))
         return next(counts, 1)
@@ -90,7 +91,9 @@ class _Tiff:
 def _png_chunks(data: bytes) -> Iterator[bytes]:
     """The chunks of a PNG file: 4 bytes of length, 4 of name, content, 4 of checksum."""
     place = 8
-    while place < len(data):
+    for _ in range(_MOST_PARTS):
+        if place >= len(data):
+            return
         end = place + 12 + int.from_bytes(data[place : place + 4], "big")
         yield data[place:end]
         place = end
@@ -105,7 +108,9 @@ def _animation(data: bytes) -> Iterator[bytes]:
 def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """The names and contents of the chunks of a RIFF file."""
     place = 12
-    while place < len(data):
+    for _ in range(_MOST_PARTS):
+        if place >= len(data):
+            return
         size = int.from_bytes(data[place + 4 : place + 8], "little")
         yield data[place : place + 4], data[place + 8 : place + 8 + size]
         place += 8 + size + size % 2

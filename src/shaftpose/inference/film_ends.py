@@ -8,6 +8,7 @@ _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")  # that MP4 and 
 _EBML, _SEGMENT = b"\x1aE\xdf\xa3", b"\x18S\x80g"  # of Matroska and WebM
 _PACKETS = ((0, 188), (4, 192))  # of MPEG transport streams: place of their sync byte, and length
 _SYNC = 0x47
+_MOST_BOXES = 1_000_000  # a film has two for each second at most
 
 
 def counts_frames(path: Path) -> bool:
@@ -38,9 +39,9 @@ def film_seconds(path: Path) -> float | None:
     """How long an MP4 film lasts; None for other containers. Of a film that was trimmed without
     being compressed again, the number of frames counts those that were trimmed, too."""
     with path.open("rb") as file:
-        starts = [0, *_box_ends(file, path.stat().st_size)]
-        for start in starts:
-            file.seek(start)
+        size = path.stat().st_size
+        for start in (0, *_box_ends(file, size)):
+            file.seek(min(start, size))
             header = file.read(48)
             if header[4:8] == b"moov" and header[12:16] == b"mvhd":
                 return _seconds(header[16:])
@@ -58,7 +59,9 @@ def _seconds(header: bytes) -> float | None:
 def _box_ends(file: BinaryIO, size: int) -> Iterator[int]:
     """The ends of the outer boxes of an MP4 file; a length of 0 reaches to its end."""
     place = 0
-    while place + 8 <= size:
+    for _ in range(_MOST_BOXES):
+        if place + 8 > size:
+            return
         file.seek(place)
         header = file.read(16)
         length = int.from_bytes(header[:4], "big")

@@ -69,8 +69,10 @@ class VideoFile:
             if time_s >= self.span.end_s:
                 return
             if number == 0 or self._wants(number, time_s):
-                bgr = np.asarray(capture.retrieve()[1], np.uint8)
-                decoded.check(number, bgr)
+                bgr = capture.retrieve()[1]
+                if bgr is None:  # a damaged file
+                    break
+                decoded.check(number, np.asarray(bgr, np.uint8))
                 if self._wants(number, time_s):
                     rate = fps / self.span.every
                     yield Frame(self.name, number, from_bgr(bgr), time_s, rate, aspect)
@@ -81,9 +83,9 @@ class VideoFile:
 
     def _opened(self) -> cv2.VideoCapture:
         if not os.path.isfile(self.path):
+            reason = "a pipe or a device" if os.path.exists(self.path) else "no such file"
             raise InputError(
-                f"{self.path}: no such file; name an image, a folder, a video, or a camera by its "
-                "number"
+                f"{self.path}: {reason}; name an image, a folder, a video, or a camera's number"
             )
         if not opencv_takes(self.name):
             raise InputError(f"{self.path}: a video's name must be UTF-8; rename it")
