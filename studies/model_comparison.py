@@ -15,8 +15,9 @@ from shaftpose.metrics.table import MetricValues
 from shaftpose.report.cells import show
 
 # Limits: change of the mAP, mean change of poses as a share of their mean error, and least share of
-# common detections, as rounding moves a few scores across the confidence threshold.
-MAP_CHANGE, POSE_CHANGE, LEAST_SHARED = 0.005, 0.05, 0.95
+# common detections, as rounding moves a few scores across the confidence threshold. Where an image
+# leaves a pose open, it also makes a fit end at another of its starts.
+MAP_CHANGE, POSE_CHANGE, LEAST_SHARED = 0.005, 0.1, 0.95
 
 
 @dataclass(frozen=True)
