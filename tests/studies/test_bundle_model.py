@@ -63,7 +63,7 @@ def test_the_project_keeps_its_mode_and_old_frames_go(training: Path) -> None:
 def test_the_card_states_what_the_files_do(training: Path) -> None:
     card = (bundle(training) / "src/shaftpose/models/shaftpose.md").read_text()
     for stated in (
-        "90, rendered; steel shafts in front of procedural tissue",
+        "90, rendered; shafts in front of procedural tissue",
         "2 (stand-in) without poses",
         "view angle 95 deg", "diameter 3 mm", "x -20 to 20 mm, pitch 50 to 90 deg",
         "D + noise + real, width 0.125, depth 0.25, 1,000 parameters",
