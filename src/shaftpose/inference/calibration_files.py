@@ -31,14 +31,17 @@ _MOST_CHARACTERS, _MOST_LEVELS, _LEVEL = 2_000_000, 2_000, ("[", "{", "<", ":", 
 _OFF_CENTRE = 0.2  # of a side: a principal point farther from the middle belongs to another size
 
 
+_USUAL_PX = 1000  # side of a frame in which an angle is checked
+
+
 def stated_view(view_deg: float) -> FrameCamera:
     """A centred camera without distortion for frames of any size, with this angle across their
     central square. Raises InputError if no camera has it."""
 
+    Calibration.pinhole(_USUAL_PX, _USUAL_PX, view_deg).check()
+
     def camera(width: int, height: int) -> Calibration:
-        calibration = Calibration.pinhole(width, height, view_deg)
-        calibration.check()
-        return calibration
+        return Calibration.pinhole(width, height, view_deg)
 
     return camera
 
