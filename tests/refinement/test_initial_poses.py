@@ -1,19 +1,22 @@
-"""Poses from which fits start, on the shafts that a mask shows and no detection explains."""
+"""Starts of fits near detections and on the runs of a mask, and the shafts found from them."""
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Shaft
-from shaftpose.refinement.initial_poses import starts_at, starts_on_mask
+from shaftpose.refinement.initial_poses import lying_on, pose_of, starts_at, starts_on
 from shaftpose.refinement.refiner import Refiner
+from shaftpose.refinement.straight_runs import Run, straight_runs
 
 SHAFT = Shaft(3.0)
 CAMERA = Camera.from_field_of_view(299, 299, 95.0)
 FIRST = np.array([-6.0, -4.0, 20.0, 70.0, 200.0])
-SECOND = np.array([7.0, 5.0, 25.0, 65.0, 80.0])
+SECOND = np.array([7.0, 5.0, 25.0, 65.0, 30.0])
+CROSSING = np.array([-14.0, 5.0, 22.0, 75.0, 275.0])  # crosses the first
 NOTHING = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
 RGB = np.zeros((299, 299, 3), np.uint8)
 
@@ -26,40 +29,74 @@ def mask_of(*poses: Array) -> NDArray[np.float32]:
     return np.any(shown, axis=0).astype(np.float32)
 
 
-def explained(*poses: Array) -> Array:
-    return np.array(poses).reshape(-1, 5)
+def test_starts_at_a_pose_have_its_tip_and_several_pitches() -> None:
+    starts = starts_at(FIRST, [50.0, 80.0])
+    assert starts.known is FIRST
+    assert [pose[3] for pose in starts.poses] == [50, 80]
+    assert all((pose[:3] == FIRST[:3]).all() for pose in starts.poses)
+    assert starts_at(FIRST, None).poses == [FIRST]
 
 
-def test_a_known_pose_is_turned_to_each_pitch_about_its_image() -> None:
-    starts = starts_at(FIRST, [60.0, 80.0])
-    assert starts.known is FIRST and [pose[3] for pose in starts.poses] == [60, 80]
-    assert all(np.array_equal(pose[:3], FIRST[:3]) for pose in starts.poses)
-    assert starts_at(FIRST, None).poses[0] is FIRST
+def test_a_level_shaft_of_constant_width_is_as_deep_as_its_width_tells() -> None:
+    """30 px wide at a focal length of 137 px, 3 mm are 13.7 mm away."""
+    run = Run(np.array([[149.5, 100.0], [0.0, 100.0]]), np.array([30.0, 30.0]))
+    focal_px = 149.5 / np.tan(np.radians(47.5))
+    depth = focal_px * 3 / 30
+    expected = [0, -49.5 / focal_px * depth, depth, 90, 180]
+    assert pose_of(run, 90.0, SHAFT, CAMERA) == pytest.approx(expected)
 
 
-def test_starts_are_near_the_shaft_that_they_stand_for() -> None:
-    (starts,) = starts_on_mask(mask_of(FIRST), explained(), [60.0, 85.0], SHAFT, CAMERA)
-    assert starts.known is None and [pose[3] for pose in starts.poses] == [60, 85]
-    for start in starts.poses:
-        tips = CAMERA.project(np.stack([start[:3], FIRST[:3]]))
-        assert np.linalg.norm(tips[0] - tips[1]) < 10
-        assert 0.6 < start[2] / FIRST[2] < 1.4
+def test_of_an_inclined_shaft_the_depth_follows_from_its_width_far_from_the_tip() -> None:
+    (run,) = straight_runs(mask_of(FIRST), CAMERA)
+    pose = pose_of(run, 70.0, SHAFT, CAMERA)
+    tips = CAMERA.project(np.stack([pose[:3], FIRST[:3]]))
+    assert np.linalg.norm(tips[0] - tips[1]) < 8
+    assert pose[4] == pytest.approx(FIRST[4], abs=4)
+    assert pose[2] == pytest.approx(FIRST[2], rel=0.1)
+    assert [start[3] for start in starts_on(run, None, SHAFT, CAMERA).poses] == [60, 85]
 
 
-def test_a_detected_shaft_is_explained() -> None:
-    both, pitches = mask_of(FIRST, SECOND), [70.0]
-    assert not starts_on_mask(both, explained(FIRST, SECOND), pitches, SHAFT, CAMERA)
-    (starts,) = starts_on_mask(both, explained(FIRST), pitches, SHAFT, CAMERA)
-    tips = CAMERA.project(np.stack([starts.poses[0][:3], SECOND[:3]]))
-    assert np.linalg.norm(tips[0] - tips[1]) < 10
+def test_a_tip_outside_is_a_width_beyond_the_border() -> None:
+    run = Run(np.array([[0.0, 100.0], [299.0, 100.0]]), np.array([30.0, 30.0]), outside=True)
+    assert CAMERA.project(pose_of(run, 90.0, SHAFT, CAMERA)[:3]) == pytest.approx([-30, 100])
 
 
-def test_the_refiner_finds_what_only_the_mask_shows() -> None:
-    found = Refiner(SHAFT, None)(RGB, mask_of(FIRST), NOTHING, CAMERA)
+def test_an_axis_lies_on_a_run_if_it_passes_both_ends() -> None:
+    runs = [*straight_runs(mask_of(FIRST), CAMERA), *straight_runs(mask_of(SECOND), CAMERA)]
+    behind = np.array([-12.0, -6.2, 17.7, 70.0, 200.0])  # on the first shaft, far from its tip
+    turned = FIRST + [0, 0, 0, 0, 25.0]
+    on = lying_on(np.array([FIRST, behind, turned, SECOND]), runs, CAMERA)
+    assert on.tolist() == [[True, True, False, False], [False, False, False, True]]
+    assert lying_on(np.empty((0, 5)), runs, CAMERA).shape == (2, 0)
+    assert lying_on(np.array([FIRST]), [], CAMERA).shape == (0, 1)
+
+
+@pytest.mark.parametrize("pitches_deg", [None, (50.0, 90.0)])
+def test_the_refiner_finds_what_only_the_mask_shows(pitches_deg: tuple[float, float]) -> None:
+    found = Refiner(SHAFT, None, pitches_deg)(RGB, mask_of(FIRST), NOTHING, CAMERA)
     assert len(found.scores) == 1
-    assert 0.4 < found.scores[0] < 0.6  # the cube root of 0.2 is 0.58
+    assert 0.5 < found.scores[0] < 0.7  # the fourth root of 0.2 is 0.67
     assert np.all(np.abs(found.poses[0] - FIRST) < [0.2, 0.2, 0.6, 2.0, 1.0])
     assert np.isfinite(found.deviations).all()
+
+
+def test_the_refiner_finds_shafts_that_cross() -> None:
+    found = Refiner(SHAFT, None)(RGB, mask_of(FIRST, CROSSING), NOTHING, CAMERA)
+    assert len(found.scores) == 2
+    for pose in (FIRST, CROSSING):
+        errors = np.abs(found.poses - pose)
+        assert (errors < [0.5, 0.5, 1.5, 5.0, 3.0]).all(axis=1).any()
+
+
+def test_a_detection_explains_its_run_and_is_less_sure_without_one() -> None:
+    detected = Detections(np.zeros((1, 4)), np.ones(1), FIRST[None])
+    refiner = Refiner(SHAFT, None)
+    both = refiner(RGB, mask_of(FIRST, SECOND), detected, CAMERA)
+    assert len(both.scores) == 2
+    assert both.scores[0] > 0.9 > both.scores[1]
+    short = mask_of(FIRST)
+    short[:, :80] = 0  # no longer than it is wide
+    assert refiner(RGB, short, detected, CAMERA).scores[0] < 0.8
 
 
 def test_a_tip_that_is_not_flat_has_no_box_and_is_not_looked_for() -> None:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from shaftpose.core.geometry import axis_direction
-from shaftpose.refinement.pose_parameters import derivatives, moved, parameters
+from shaftpose.core.geometry import axis_direction, projected_axes
+from shaftpose.refinement.pose_parameters import derivatives, moved, parameters, with_pitch
 from tests.core.silhouettes import CAMERA, POSES
 
 
@@ -37,3 +37,28 @@ def test_past_the_line_of_sight_the_axis_turns_round(
     assert after[3:] == pytest.approx([pitch_after, yaw_after])
     # The angles, in their ranges, mean the axis that a plain sum gives.
     assert axis_direction(*after[3:]) == pytest.approx(axis_direction(pitch_deg + step_deg, 10.0))
+
+
+def image_angle_deg(pose: np.ndarray) -> float:
+    ((tip, behind),) = projected_axes(pose[None], CAMERA)
+    return float(np.degrees(np.arctan2(*(behind - tip)[::-1])))
+
+
+@pytest.mark.parametrize("pitch_deg", [40.0, 75.0, 90.0, 105.0])
+def test_with_another_pitch_a_shaft_keeps_its_image_of_the_axis(pitch_deg: float) -> None:
+    for pose in POSES:
+        turned = with_pitch(pose, pitch_deg)
+        assert turned[:4] == pytest.approx([*pose[:3], pitch_deg])
+        assert image_angle_deg(turned) == pytest.approx(image_angle_deg(pose), abs=1e-6)
+
+
+def test_on_the_optical_axis_the_yaw_stays() -> None:
+    pose = np.array([0.0, 0.0, 20.0, 70.0, 215.0])
+    assert with_pitch(pose, 30.0) == pytest.approx([0, 0, 20, 30, 215])
+
+
+def test_if_no_axis_has_the_image_the_nearest_one_is_taken() -> None:
+    """Seen from the left, steep axes towards the camera all seem to point to the right."""
+    up = np.array([20.0, 0.0, 20.0, 90.0, 270.0])
+    assert with_pitch(up, 20.0)[3:] == pytest.approx([20, 180])
+    assert np.isfinite(with_pitch(up, 0.0)).all()

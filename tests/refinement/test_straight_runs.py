@@ -1,84 +1,106 @@
-"""Straight runs of drawn masks."""
+from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Array, Camera, Disc
+from shaftpose.core.geometry import Camera, Disc
 from shaftpose.refinement.straight_runs import Run, straight_runs
+from tests.refinement.drawn_shafts import WIDE, Point, drawn
 
-CAMERA = Camera(400, 300, 200.0, 200.0, 150.0)
-Bar = tuple[tuple[float, float], tuple[float, float], float, float]
-LEFT: Bar = ((200, 150), (-40, 150), 20, 32)  # tip, end beyond the border, widths there
-DOWN: Bar = ((120, 60), (170, 340), 24, 40)
-
-
-def drawn(*bars: Bar) -> NDArray[np.float32]:
-    mask = np.zeros((300, 400), np.float32)
-    for tip, end, narrow, wide in bars:
-        first, last = np.array(tip, float), np.array(end, float)
-        along = (last - first) / np.linalg.norm(last - first)
-        across = np.array([-along[1], along[0]])
-        corners = [
-            first + narrow / 2 * across, last + wide / 2 * across,
-            last - wide / 2 * across, first - narrow / 2 * across,
-        ]  # fmt: skip
-        cv2.fillConvexPoly(mask, np.array(corners).round().astype(np.int32), (1.0,))
-    return mask
+LEFT = (250.0, 170.0), (0.0, 80.0), (24.0, 36.0)
+RIGHT = (300.0, 130.0), (531.0, 240.0), (20.0, 40.0)
 
 
-def near(run: Run, tip: tuple[float, float], px: float = 6.0) -> bool:
-    return bool(np.linalg.norm(run.ends[0] - tip) < px)
-
-
-def angle_deg(run: Run, bar: Bar) -> float:
-    true: Array = np.subtract(bar[1], bar[0])
-    cosine = run.direction @ true / np.linalg.norm(true)
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-
-
-def test_a_bar_is_one_run_from_its_tip_to_the_border() -> None:
-    (run,) = straight_runs(drawn(LEFT), CAMERA)
-    assert near(run, LEFT[0]) and run.ends[1, 0] < 10 and not run.outside
-    assert angle_deg(run, LEFT) < 2
-    assert run.widths == pytest.approx([20, 30], abs=4)
-
-
-def test_crossing_bars_are_two_runs() -> None:
-    runs = straight_runs(drawn(LEFT, DOWN), CAMERA)
-    assert len(runs) == 2
-    for bar in (LEFT, DOWN):
-        (run,) = [each for each in runs if near(each, bar[0])]
-        assert angle_deg(run, bar) < 3
-
-
-def test_a_bar_that_something_interrupts_is_one_run() -> None:
-    mask = drawn(LEFT)
-    mask[:, 90:120] = 0
-    (run,) = straight_runs(mask, CAMERA)
-    assert near(run, LEFT[0]) and run.ends[1, 0] < 10
-
-
-def test_a_bar_through_the_whole_image_has_its_tip_outside() -> None:
-    (run,) = straight_runs(drawn(((440, 100), (-40, 200), 20, 40)), CAMERA)
-    assert run.outside and run.ends[0, 0] > 390  # the narrower end
-
-
-def test_a_round_field_ends_a_bar() -> None:
-    field = Disc(200.0, 150.0, 260.0)
-    camera = Camera(400, 300, 200.0, 200.0, 150.0, field=field)
-    mask = drawn(LEFT)
-    y, x = np.mgrid[:300, :400] + 0.5
-    mask[np.hypot(x - 200, y - 150) > 130] = 0
+def the_run(mask: NDArray[np.float32], camera: Camera = WIDE) -> Run:
     (run,) = straight_runs(mask, camera)
-    assert near(run, LEFT[0]) and run.ends[1, 0] < 80 and not run.outside
+    return run
 
 
-def test_small_round_and_thin_regions_are_no_shafts() -> None:
-    mask = np.zeros((300, 400), np.float32)
-    mask[20:32, 20:32] = 1  # too small
+def lies_on(run: Run, tip: Point, tail: Point, px: float = 4.0) -> bool:
+    """Whether a run begins at a tip, and its axis is that of a shaft."""
+    u = (np.array(tail) - tip) / np.hypot(*np.array(tail) - tip)
+    aside = (run.ends - tip) @ [-u[1], u[0]]
+    return bool(np.abs(aside).max() < px and np.linalg.norm(run.ends[0] - tip) < 2.5 * px)
+
+
+def test_a_shaft_has_its_ends_and_widths() -> None:
+    run = the_run(drawn(*LEFT))
+    assert lies_on(run, *LEFT[:2], px=2)
+    assert np.linalg.norm(run.ends[1] - LEFT[1]) < 20  # cut obliquely by the border
+    assert run.widths == pytest.approx(LEFT[2], abs=2)
+    assert not run.outside
+
+
+def test_crossing_shafts_are_two() -> None:
+    crossing = (200.0, 200.0), (260.0, 0.0), (22.0, 30.0)
+    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*crossing)), WIDE)
+    assert len(runs) == 2
+    assert sum(lies_on(run, *LEFT[:2]) for run in runs) == 1
+    assert sum(lies_on(run, *crossing[:2]) for run in runs) == 1
+
+
+def test_touching_shafts_are_two() -> None:
+    """Side by side at the border, their tips 60 px apart."""
+    lower = (230.0, 225.0), (0.0, 115.0), (24.0, 36.0)
+    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*lower)), WIDE)
+    assert len(runs) == 2
+    assert sum(lies_on(run, *LEFT[:2], px=8) for run in runs) == 1
+    assert sum(lies_on(run, *lower[:2], px=8) for run in runs) == 1
+
+
+def test_a_shaft_that_something_hides_in_part_is_one() -> None:
+    mask = drawn(*RIGHT)
+    mask[:, 360:410] = 0
+    assert lies_on(the_run(mask), *RIGHT[:2])
+
+
+def test_shafts_that_point_at_each_other_are_two() -> None:
+    opposite = (410.0, 233.0), (531.0, 280.0), (24.0, 30.0)
+    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*opposite)), WIDE)
+    assert len(runs) == 2
+    assert sum(lies_on(run, *LEFT[:2]) for run in runs) == 1
+    assert sum(lies_on(run, *opposite[:2]) for run in runs) == 1
+
+
+def test_a_highlight_along_a_shaft_makes_no_second_one() -> None:
+    mask = drawn(*RIGHT)
+    mask[drawn((330.0, 145.0), (480.0, 216.0), (3.0, 3.0)) > 0] = 0
+    assert lies_on(the_run(mask), *RIGHT[:2])
+
+
+def test_a_shaft_from_border_to_border_is_found_once_and_its_tip_is_outside() -> None:
+    run = the_run(drawn((0.0, 60.0), (531.0, 160.0), (20.0, 50.0)))
+    assert run.outside
+    assert run.ends[0, 0] < 10  # the narrow end
+    assert run.ends[1, 0] > 520
+
+
+def test_the_tail_is_at_the_border_along_the_shaft() -> None:
+    """The tip lies as near to the upper border as the tail to the left one."""
+    run = the_run(drawn((300.0, 25.0), (0.0, 25.0), (30.0, 30.0)))
+    assert not run.outside
+    assert run.ends[0, 0] > 290
+
+
+def test_the_border_of_a_round_field_counts() -> None:
+    disc = replace(WIDE, field=Disc(265.5, 149.5, 280.0))
+    mask = drawn(*LEFT)
+    mask[
+        np.hypot(*(np.mgrid[:299, :531] + 0.5 - np.array([149.5, 265.5])[:, None, None])) > 140
+    ] = 0
+    run = the_run(mask, disc)
+    assert lies_on(run, *LEFT[:2])
+    assert run.ends[1] == pytest.approx([127.0, 126.0], abs=8)
+    across = the_run(np.ones_like(mask) * (np.abs(np.arange(299) - 150) < 15)[:, None], disc)
+    assert across.outside
+
+
+def test_small_round_and_thin_regions_are_no_runs() -> None:
+    mask = np.zeros((299, 531), np.float32)
+    mask[20:35, 20:35] = 1  # too small
     mask[100:140, 100:140] = 1  # as wide as long
-    mask[200:202, 20:280] = 1  # too thin
-    assert straight_runs(mask, CAMERA) == []
-    assert straight_runs(0 * mask, CAMERA) == []
+    mask[200:202, 20:280] = 1
+    assert straight_runs(mask, WIDE) == []
+    assert straight_runs(0 * mask, WIDE) == []
+    assert straight_runs(0 * mask + 1, WIDE) == []

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, axis_direction, projected_axes, unsigned_deg
 from shaftpose.refinement.contour import Array, Shaft
 from shaftpose.refinement.pose_parameters import with_pitch
-from shaftpose.refinement.straight_runs import Run, straight_runs
+from shaftpose.refinement.straight_runs import Run
 
 _PITCHES_DEG = (60.0, 85.0)  # if those of the training are unknown
-_OFF, _OFF_PX = 0.25, 3.0  # widths: the axis of an explained run is not farther from its ends
+_OFF, _OFF_PX = 0.25, 3.0  # widths: an axis so near to both ends of a run is the run's
 _PLACE = 0.7  # of a run, from its tip: where its width tells the depth; near a tip there are jaws
 
 
@@ -35,28 +35,24 @@ def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> Starts:
     return Starts([with_pitch(pose, pitch) for pitch in pitches_deg], pose)
 
 
-def starts_on_mask(
-    mask: NDArray[np.float32],
-    explained: Array,
-    pitches_deg: Sequence[float] | None,
-    shaft: Shaft,
-    camera: Camera,
-) -> list[Starts]:
-    """Starts on each straight run of a mask (H, W) in [0, 1] that does not lie on the axis of one
-    of the poses `explained` (K, 5)."""
-    tips, behind = np.moveaxis(projected_axes(explained, camera), 1, 0)
+def starts_on(
+    run: Run, pitches_deg: Sequence[float] | None, shaft: Shaft, camera: Camera
+) -> Starts:
+    """Starts with several pitches on a run."""
+    pitches = _PITCHES_DEG if pitches_deg is None else pitches_deg
+    return Starts([pose_of(run, pitch, shaft, camera) for pitch in pitches], None)
+
+
+def lying_on(poses: Array, runs: Sequence[Run], camera: Camera) -> NDArray[np.bool_]:
+    """Whether the axes of poses (K, 5) are those of runs, (R, K)."""
+    tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
     axes = behind - tips
     axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
-    runs = [run for run in straight_runs(mask, camera) if not _on_any(run, tips, axes)]
-    pitches = _PITCHES_DEG if pitches_deg is None else pitches_deg
-    return [Starts([pose_of(run, each, shaft, camera) for each in pitches], None) for run in runs]
-
-
-def _on_any(run: Run, tips: Array, axes: Array) -> bool:
-    """Whether a run lies on one of the lines through `tips` with the directions `axes`, (K, 2)."""
-    offsets = run.ends - tips[:, None]
-    aside = np.abs(offsets[..., 0] * axes[:, None, 1] - offsets[..., 1] * axes[:, None, 0])
-    return bool((aside < np.maximum(_OFF * run.widths, _OFF_PX)).all(axis=1).any())
+    ends = np.array([run.ends for run in runs]).reshape(-1, 1, 2, 2)
+    widths = np.array([run.widths for run in runs]).reshape(-1, 1, 2)
+    offsets, axes = ends - tips[:, None], axes[:, None]
+    aside = np.abs(offsets[..., 0] * axes[..., 1] - offsets[..., 1] * axes[..., 0])
+    return np.asarray((aside < np.maximum(_OFF * widths, _OFF_PX)).all(axis=2))
 
 
 def pose_of(run: Run, pitch_deg: float, shaft: Shaft, camera: Camera) -> Array:

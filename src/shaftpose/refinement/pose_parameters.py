@@ -35,7 +35,7 @@ def moved(pose: Array, step: Array, camera: Camera) -> Array:
 def with_pitch(pose: Array, pitch_deg: float) -> Array:
     """The pose with another pitch, and the yaw with which its axis has the same image.
 
-    If no axis with this pitch has the image, it is the nearest one.
+    If no axis with this pitch has the image, it is the one nearest to the plane of those that have.
     """
     # Such axes are normal to the plane's normal n: n_x cos(yaw) + n_y sin(yaw) = n_z / tan(pitch).
     normal = np.cross(pose[:3], axis_direction(pose[3], pose[4]))

@@ -16,7 +16,8 @@ from shaftpose.refinement.contour_sampling import scaled
 from shaftpose.refinement.crossings import Outline, leaving_out, met_outlines
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import EdgeErrors, Fit, Search, Stage, fit_pose
-from shaftpose.refinement.initial_poses import Starts, starts_at, starts_on_mask
+from shaftpose.refinement.initial_poses import Starts, lying_on, starts_at, starts_on
+from shaftpose.refinement.straight_runs import Run, straight_runs
 from shaftpose.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
@@ -34,9 +35,9 @@ _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 # seen, px of the model's image. Measured on renders with and without occluders (docs/beyond.md).
 _LEAST_ARC, _LEAST_READ_ARC = 0.2, 25.0
 _AT_BORDER_PX, _HIDDEN_PX = 1.0, 70.0
-# Least score of a detection that explains the mask where it lies, and the score of a shaft that
-# only the mask shows (docs/beyond.md).
-_EXPLAINS, _MASK_ALONE = 0.3, 0.2
+# Least score of a detection that explains the run of the mask on which it lies; the score of a
+# shaft that only the mask shows; and the factor of detections that lie on no run (docs/beyond.md).
+_EXPLAINS, _MASK_ALONE, _OFF_RUNS = 0.3, 0.2, 0.8
 
 # Whether the image shows a tip, something hides it, or it lies outside of the image.
 TipState = Literal["seen", "hidden", "outside"]
@@ -94,7 +95,7 @@ class Refiner:
         fine: NDArray[np.uint8] | None = None,
     ) -> FittedDetections:
         """Fit all detections, and the shafts that the mask shows and no detection explains
-        (`initial_poses`). Of poses that show the same shaft, only the best is kept.
+        (`straight_runs`). Of poses that show the same shaft, only the best is kept.
 
         rgb: (H, W, 3). mask: (h, w), the probability of a shaft, with the same field of view.
         camera: the pinhole that sees both. fine: (k H, k W, 3), the same view in more pixels, whose
@@ -109,18 +110,27 @@ class Refiner:
         starts = [starts_at(pose, self._starts_deg) for pose in found.poses]
         fitted = self._fitted(found, starts, evidence)
         if self.shaft.flat_tip:
-            fitted = _joined(fitted, self._on_mask_alone(fitted.above(_EXPLAINS).poses, evidence))
+            fitted = self._with_runs(fitted, evidence)
         order = np.argsort(-fitted.scores, kind="stable")
         kept = fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
         return self._apart(kept, evidence)
 
-    def _on_mask_alone(self, explained: Array, evidence: _Evidence) -> FittedDetections:
-        """The shafts that the mask shows next to those with the poses `explained` (K, 5)."""
-        mask, _, camera = evidence
-        starts = starts_on_mask(mask, explained, self._starts_deg, self.shaft, camera)
+    def _with_runs(self, fitted: FittedDetections, evidence: _Evidence) -> FittedDetections:
+        """The detections, less sure if they lie on no run of the mask, and the shafts on runs that
+        none of them explains."""
+        runs = straight_runs(evidence.mask, evidence.camera)
+        on = lying_on(fitted.poses, runs, evidence.camera)
+        fitted = replace(fitted, scores=fitted.scores * np.where(on.any(axis=0), 1.0, _OFF_RUNS))
+        explained = on[:, fitted.scores >= _EXPLAINS].any(axis=1)
+        others = [run for run, known in zip(runs, explained, strict=True) if not known]
+        return _joined(fitted, self._on_runs(others, evidence))
+
+    def _on_runs(self, runs: Sequence[Run], evidence: _Evidence) -> FittedDetections:
+        """Shafts that the mask alone shows, by its runs."""
+        starts = [starts_on(run, self._starts_deg, self.shaft, evidence.camera) for run in runs]
         poses = np.array([each.poses[0] for each in starts]).reshape(-1, 5)
-        scores = np.full(len(poses), _MASK_ALONE)
-        return self._fitted(Detections(poses[:, :4], scores, poses), starts, evidence)
+        shown = Detections(poses[:, :4], np.full(len(poses), _MASK_ALONE), poses)
+        return self._fitted(shown, starts, evidence)
 
     def _fitted(
         self, found: Detections, starts: Sequence[Starts], evidence: _Evidence

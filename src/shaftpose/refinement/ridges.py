@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Array
 
-_SMOOTHING = np.ones((3, 3), np.uint8)  # thinner parts and gaps of the mask do not count
+_PART, _GAP = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)  # thinner ones do not count
 _FALL = 0.3  # px: no neighbour of a ridge point lies farther from the edges by more
 _LEAST_HALF_PX = 2.0
 _POINTS, _PAIRS, _LINES = 150, 300, 24
@@ -62,10 +62,12 @@ def ridge_lines(
 
 def _ridge(shown: NDArray[np.bool_], field: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Points (P, 2) px on the ridges, and half widths (P,) px there."""
-    smooth = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_OPEN, _SMOOTHING)
-    smooth = cv2.morphologyEx(smooth, cv2.MORPH_CLOSE, _SMOOTHING)
-    depth = cv2.distanceTransform(smooth | (~field).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    highest = depth >= cv2.dilate(depth, _SMOOTHING) - _FALL
+    smooth = cv2.morphologyEx(shown.astype(np.uint8), cv2.MORPH_OPEN, _PART)
+    smooth = cv2.morphologyEx(smooth, cv2.MORPH_CLOSE, _GAP)
+    inside = smooth | (~field).astype(np.uint8)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_5)
+    depth = np.minimum(depth, max(shown.shape))  # infinite if the mask covers all
+    highest = depth >= cv2.dilate(depth, _PART) - _FALL
     ridge = highest & (depth > _LEAST_HALF_PX) & (smooth > 0) & field
     found = cv2.findNonZero(ridge.astype(np.uint8))
     at = np.empty((0, 2), np.intp) if found is None else found[:, 0]

@@ -21,7 +21,8 @@ _SLICES = np.linspace(0, 1, 120)  # of a line, from border to border
 _GAP = 0.2
 _LEAST_HALF_PX = 1.0
 _LEAST_GAIN = 10.0
-_AT_END, _KNOWN_AT_END = 0.5, 0.3  # least contrast of the run's mean, and weight
+_CLEAR, _LEAST_KNOWN = 0.5, 0.3  # least share of the run's contrast, and weight, of a clear slice
+_LONGEST_GAP = 3.0  # widths: two shafts that point at each other are no run
 _MARGIN_PX = 4.0  # around a run: pixels that belong to it, too
 _LEAST_LENGTH, _LEAST_PX = 1.2, 300.0  # length in widths, and area
 _AT_BORDER, _AT_BORDER_PX = 0.5, 4.0  # widths: an end so near to the border is on it
@@ -79,14 +80,26 @@ def _best_run(
     slice_px = (high - low) / len(_SLICES)
     gains = weights * (contrasts - _GAP) * np.sqrt(np.maximum(halves, 0.0)) * slice_px
     line, first, last = _best_part(gains)
-    part = slice(first, last + 1)
-    if first == last or gains[line, part].sum() < _LEAST_GAIN:
+    part = np.arange(first, last + 1)
+    if gains[line, part].sum() < _LEAST_GAIN:
         return None
+    seen = part[weights[line, part] > _LEAST_KNOWN]
     mean = np.average(contrasts[line, part], weights=weights[line, part])
-    clear = (contrasts[line, part] > _AT_END * mean) & (weights[line, part] > _KNOWN_AT_END)
-    at = first + np.flatnonzero(clear)[[0, -1]] if clear.sum() > 1 else np.array([first, last])
-    ends = lines.points[line] + np.outer(along[line, at], lines.directions[line])
-    return Run(ends, 2 * halves[line, at])
+    clear = contrasts[line, seen] > _CLEAR * mean
+    gap = _LONGEST_GAP * 2 * halves[line, part].mean() / slice_px[line, 0]
+    shown = max(_pieces(seen, clear, gap), key=lambda piece: float(gains[line, piece].sum()))
+    if len(shown) < 2:
+        return None
+    ends = lines.points[line] + np.outer(along[line, shown[[0, -1]]], lines.directions[line])
+    return Run(ends, 2 * halves[line, shown[[0, -1]]])
+
+
+def _pieces(
+    slices: NDArray[np.intp], clear: NDArray[np.bool_], gap: float
+) -> list[NDArray[np.intp]]:
+    """The clear ones of slices (N,), apart where between them are more others than `gap`."""
+    others = np.diff(np.cumsum(~clear)[clear])
+    return np.split(slices[clear], np.flatnonzero(others > gap) + 1)
 
 
 def _best_part(gains: Array) -> tuple[int, int, int]:

@@ -21,8 +21,8 @@ _ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
 def supported(
     score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
 ) -> float:
-    """The geometric mean of a detection's score, the mask's contrast along its whole outline, and
-    the contrast next to its tip.
+    """The geometric mean of a detection's score, twice the mask's contrast along its whole outline,
+    and the contrast next to its tip.
 
     The unchanged score if no outline is in the image; 0 for a pose that is not finite or lies
     behind the camera.
@@ -39,7 +39,7 @@ def supported(
     away = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1)
     near = lengths * (away < _NEAR_TIP * _radius_px(pose, shaft, camera))
     at_tip = float(contrast @ near / near.sum()) if near.any() else along
-    return float(np.cbrt(score * along * at_tip))
+    return float((score * along**2 * at_tip) ** 0.25)
 
 
 def distinct(poses: Array, shaft: Shaft, camera: Camera) -> list[int]:
