@@ -97,15 +97,12 @@ figures: $(READY)  ## draw the pictures of README and docs from the data and rep
 large-frames: $(READY)  ## render large frames on data/backgrounds, and show in docs what they give the fit
 	python -m studies.large_frames
 
-film: $(READY)  ## render moving shafts, track them, and show it in docs and `demo`
+film: $(READY)  ## render moving shafts, track them, and show it in docs
 	rm -rf data/film
 	python -m studies.moving_shafts data/film --frames 100
 	shaftpose predict data/film/film.mp4 --view-deg 63.1 --diameter-mm 3 --out data/film/alone
 	shaftpose predict data/film/film.mp4 --view-deg 63.1 --diameter-mm 3 --out data/film/tracked --draw --track
 	python -m studies.film_results data/film
-	python -m studies.moving_shafts data/film/short --frames 50
-	install -m 644 data/film/short/film.mp4 src/shaftpose/inference/demo_film.mp4
-	install -m 644 data/film/short/frame.jpg src/shaftpose/inference/demo_frame.jpg
 
 architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables

@@ -7,7 +7,7 @@ its width, in front of a tissue of its own.
 
 import argparse
 from dataclasses import asdict, replace
-from math import atan, degrees, sin, tau
+from math import sin, tau
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,7 @@ from shaftpose.backgrounds.library import write_backgrounds
 from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
-from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import write_jpeg
 from shaftpose.rendering.blender import Renderer
 from shaftpose.rendering.generator import photograph
@@ -55,12 +55,6 @@ def main() -> None:
     arguments = parser.parse_args()
     with exit_on_input_error():
         write_film(composed_settings(ROOT, *OVERRIDES), arguments.frames, arguments.out)
-
-
-def view_deg(settings: Settings) -> float:
-    """The angle across a frame's central square."""
-    camera = Camera.from_field_of_view(WIDTH, WIDTH, settings.camera.view_deg)
-    return 2 * degrees(atan(HEIGHT / 2 / camera.focal_px))
 
 
 def poses_at(seconds: float) -> tuple[ShaftPose, ...]:

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.cli.demo import OPTIONS
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.settings.compose import composed_settings
 from studies.film_results import changes, film_errors
-from studies.moving_shafts import HEIGHT, OVERRIDES, WIDTH, poses_at, view_deg
+from studies.moving_shafts import HEIGHT, OVERRIDES, WIDTH, poses_at
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,8 +46,3 @@ def test_tips_leave_the_central_square_and_stay_in_the_frame() -> None:
     x, y = np.moveaxis(focal_px * poses[..., :2] / poses[..., 2:], -1, 0)
     assert np.all(np.abs(x) < WIDTH / 2) and np.all(np.abs(y) < HEIGHT / 2)
     assert np.mean(np.abs(x) > HEIGHT / 2, axis=0).min() > 0.1
-
-
-def test_the_demo_states_the_camera_of_the_film() -> None:
-    stated = f"--view-deg={view_deg(composed_settings(ROOT, *OVERRIDES)):.1f}"
-    assert stated in OPTIONS

@@ -7,10 +7,10 @@ from importlib.resources import as_file, files
 from shaftpose.cli import predict
 from shaftpose.cli.options import parser
 
-# A rendered film of two shafts, and its first frame (`make film`).
+# A rendered test image and a rendered film of squares, each with two shafts.
 EXAMPLES = ("demo_frame.jpg", "demo_film.mp4")
 # Their camera and shafts, and what to write.
-OPTIONS = ("--view-deg=63.1", "--diameter-mm=3", "--track", "--draw")
+OPTIONS = ("--view-deg=95", "--diameter-mm=3", "--track", "--draw")
 
 
 def run(options: argparse.Namespace) -> None:
