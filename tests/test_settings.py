@@ -208,7 +208,7 @@ def test_every_profile_is_a_size() -> None:
     assert sizes["paper"].images == 100_000
     assert sizes["paper"].width == 1.0
     every = {name: size.validate_every for name, size in sizes.items()}
-    assert every == {"smoke": 3, "demo": 500, "bench": 3000, "laparoscopy": 1250, "paper": 5000}
+    assert every == {"smoke": 3, "demo": 500, "bench": 3000, "laparoscopy": 1500, "paper": 5000}
 
 
 def test_a_size_that_is_never_validated_is_refused() -> None:
