@@ -1,18 +1,9 @@
 """`shaftpose predict --workers` with real processes."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import psutil
 import pytest
 
 from shaftpose.cli.main import main
@@ -20,15 +11,6 @@ from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 
 CHUNK, IMAGES = 16, 40
-PATIENCE_S = 300.0  # enough for a busy machine
-
-PREDICT = """
-import signal
-import sys
-from shaftpose.cli.main import main
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` takes it away
-main(sys.argv[1:])
-"""
 
 
 @pytest.fixture
@@ -53,21 +35,6 @@ def arguments(images: Path, model: Path, out: Path) -> list[str]:
     return ["predict", str(images), "--model", str(model), "--out", str(out), "--workers", "2"]
 
 
-def wait_until(condition: Callable[[], Any]) -> Any:
-    """The value of the condition once it holds."""
-    end = time.monotonic() + PATIENCE_S
-    while not (result := condition()):
-        assert time.monotonic() < end, "it never came about"
-        time.sleep(0.05)
-    return result
-
-
-def lines(out: Path) -> list[str]:
-    """The results so far."""
-    path = out / "predictions.jsonl"
-    return path.read_text().splitlines(keepends=True) if path.exists() else []
-
-
 @pytest.mark.parametrize("style", ["jsonl", "bop"])
 def test_results_are_those_of_one_process_and_a_bad_image_is_named(
     style: str, images: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -85,74 +52,6 @@ def test_results_are_those_of_one_process_and_a_bad_image_is_named(
     assert written[0] == written[1]
     assert f"error: {bad}: " in said[0]
     assert said[0] == said[1]
-
-
-@contextmanager
-def predicting(images: Path, model: Path, out: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A prediction in a process group of its own, which does not outlive the test."""
-    command = [sys.executable, "-c", PREDICT, *arguments(images, model, out)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True) as running:
-        try:
-            yield running
-        finally:
-            if running.poll() is None:
-                os.killpg(running.pid, signal.SIGKILL)
-
-
-def write_to_reader(pipe: Path, data: bytes) -> None:
-    """Write once somebody has opened the pipe for reading."""
-
-    def opened() -> int:
-        try:
-            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
-        except OSError:
-            return 0
-
-    with open(wait_until(opened), "wb") as file:
-        file.write(data)
-
-
-def test_images_of_a_killed_worker_are_predicted_by_another(
-    images: Path, model: Path, tmp_path: Path
-) -> None:
-    """Both workers are killed while one of them waits for an image, which a pipe gives it."""
-    main(arguments(images, model, tmp_path / "undisturbed")[:-2])
-    late, out = images / "000025.png", tmp_path / "out"
-    pixels = late.read_bytes()
-    late.unlink()
-    os.mkfifo(late)
-    with predicting(images, model, out) as running:
-        wait_until(lambda: len(lines(out)) == CHUNK)
-        workers = [
-            process
-            for process in psutil.Process(running.pid).children(recursive=True)
-            if "spawn_main" in " ".join(process.cmdline())
-        ]
-        for process in workers:
-            process.kill()
-        # One that is not dead yet would still take what the next worker is to read.
-        wait_until(lambda: not any(process.is_running() for process in workers))
-        write_to_reader(late, pixels)
-        running.communicate(timeout=PATIENCE_S)
-    assert running.returncode == 0
-    assert lines(out) == lines(tmp_path / "undisturbed")
-
-
-def test_ctrl_c_keeps_complete_results_and_ends_all_processes(
-    images: Path, model: Path, tmp_path: Path
-) -> None:
-    late, out = images / "000025.png", tmp_path / "out"
-    late.unlink()
-    os.mkfifo(late)
-    with predicting(images, model, out) as running:
-        wait_until(lambda: len(lines(out)) == CHUNK)
-        processes = psutil.Process(running.pid).children(recursive=True)
-        os.killpg(running.pid, signal.SIGINT)  # as a terminal does
-        _, said = running.communicate(timeout=PATIENCE_S)
-    assert running.returncode == 130
-    assert b"Traceback" not in said
-    assert len(lines(out)) == CHUNK and lines(out)[-1].endswith("}\n")
-    wait_until(lambda: not any(process.is_running() for process in processes))
 
 
 def test_a_scheduler_that_does_not_answer_leaves_no_wait(
