@@ -8,7 +8,7 @@ from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Shaft
-from shaftpose.refinement.initial_poses import lying_on, pose_of, starts_at, starts_on
+from shaftpose.refinement.initial_poses import first_on, lying_on, pose_of, starts_at, starts_on
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.refinement.straight_runs import Run, straight_runs
 
@@ -31,10 +31,10 @@ def mask_of(*poses: Array) -> NDArray[np.float32]:
 
 def test_starts_at_a_pose_have_its_tip_and_several_pitches() -> None:
     starts = starts_at(FIRST, [50.0, 80.0])
-    assert starts.known is FIRST
-    assert [pose[3] for pose in starts.poses] == [50, 80]
-    assert all((pose[:3] == FIRST[:3]).all() for pose in starts.poses)
-    assert starts_at(FIRST, None).poses == [FIRST]
+    assert all(start.known is FIRST for start in starts)
+    assert [start.pose[3] for start in starts] == [50, 80]
+    assert all((start.pose[:3] == FIRST[:3]).all() for start in starts)
+    assert starts_at(FIRST, None) == [(FIRST, FIRST)]
 
 
 def test_a_level_shaft_of_constant_width_is_as_deep_as_its_width_tells() -> None:
@@ -53,7 +53,7 @@ def test_of_an_inclined_shaft_the_depth_follows_from_its_width_far_from_the_tip(
     assert np.linalg.norm(tips[0] - tips[1]) < 8
     assert pose[4] == pytest.approx(FIRST[4], abs=4)
     assert pose[2] == pytest.approx(FIRST[2], rel=0.1)
-    assert [start[3] for start in starts_on(run, None, SHAFT, CAMERA).poses] == [60, 85]
+    assert [start.pose[3] for start in starts_on(run, None, SHAFT, CAMERA)] == [60, 85]
 
 
 def test_a_tip_outside_is_a_width_beyond_the_border() -> None:
@@ -69,6 +69,18 @@ def test_an_axis_lies_on_a_run_if_it_passes_both_ends() -> None:
     assert on.tolist() == [[True, True, False, False], [False, False, False, True]]
     assert lying_on(np.empty((0, 5)), runs, CAMERA).shape == (2, 0)
     assert lying_on(np.array([FIRST]), [], CAMERA).shape == (0, 1)
+    nearly = FIRST + [0, 0, 0, 0, 6.0]  # aside at the border
+    assert not lying_on(np.array([nearly]), runs, CAMERA)[0, 0]
+    assert lying_on(np.array([nearly]), runs, CAMERA, 0.5)[0, 0]
+
+
+def test_of_two_tips_on_one_run_the_better_one_stays() -> None:
+    runs = [*straight_runs(mask_of(FIRST), CAMERA), *straight_runs(mask_of(SECOND), CAMERA)]
+    behind = np.array([-12.0, -6.2, 17.7, 70.0, 200.0])  # on the first shaft, far from its tip
+    beside = FIRST + [0, 0, 0, 0, 25.0]  # on no run
+    poses = np.array([behind, SECOND, beside, FIRST, SECOND])
+    assert first_on(runs, poses, CAMERA).tolist() == [True, True, True, False, False]
+    assert first_on([], poses, CAMERA).all()
 
 
 @pytest.mark.parametrize("pitches_deg", [None, (50.0, 90.0)])

@@ -222,7 +222,16 @@ def test_a_wrong_pitch_is_found_from_one_of_several_starts() -> None:
     assert errors[1] < 0.7 * errors[0]
 
 
-def test_pitches_stay_in_the_range_of_the_training() -> None:
-    mask = soft_mask(POSES[2])  # of 100 deg
-    found = Refiner(SHAFT, None, (50.0, 90.0))(grey(mask), mask, detections(POSES[2]), CAMERA)
-    assert found.poses[0, 3] == 90
+def test_a_wide_shaft_is_found_on_its_run_where_the_network_is_far_off() -> None:
+    """One side of the network's shaft meets an edge, the other lies out of reach."""
+    pose = np.array([0.5, 0.5, 7.0, 50.0, 190.0])  # 60 px wide at the tip
+    mask, wrong = soft_mask(pose), detections(pose + [0.2, 0.5, 2.0, 15.0, -20.0])
+    found = Refiner(SHAFT, None, (40.0, 90.0))(grey(mask), mask, wrong, CAMERA)
+    assert found.poses[0] == pytest.approx(pose, abs=1.5)
+
+
+def test_pitches_stay_near_the_range_of_the_training() -> None:
+    for turned, kept in ((POSES[2], 90), (np.array([0.0, 0.0, 30.0, 20.0, 0.0]), 35)):
+        mask = soft_mask(turned)
+        found = Refiner(SHAFT, None, (50.0, 90.0))(grey(mask), mask, detections(turned), CAMERA)
+        assert found.poses[0, 3] == pytest.approx(kept, abs=3)

@@ -20,39 +20,51 @@ _OFF, _OFF_PX = 0.25, 3.0  # widths: an axis so near to both ends of a run is th
 _PLACE = 0.7  # of a run, from its tip: where its width tells the depth; near a tip there are jaws
 
 
-class Starts(NamedTuple):
-    """Initial poses of one shaft, and the pose that was known before; None: each of them is."""
+class Start(NamedTuple):
+    """An initial pose (5,) of a fit, and the pose (5,) that was known before."""
 
-    poses: Sequence[Array]
-    known: Array | None
+    pose: Array
+    known: Array
 
 
-def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> Starts:
+def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> list[Start]:
     """Starts at a known pose (5,) with several pitches, of which a network knows least; None: with
     its own."""
     if pitches_deg is None:
-        return Starts([pose], pose)
-    return Starts([with_pitch(pose, pitch) for pitch in pitches_deg], pose)
+        return [Start(pose, pose)]
+    return [Start(with_pitch(pose, pitch), pose) for pitch in pitches_deg]
 
 
 def starts_on(
     run: Run, pitches_deg: Sequence[float] | None, shaft: Shaft, camera: Camera
-) -> Starts:
-    """Starts with several pitches on a run."""
+) -> list[Start]:
+    """Starts with several pitches on a run; of each, nothing else was known."""
     pitches = _PITCHES_DEG if pitches_deg is None else pitches_deg
-    return Starts([pose_of(run, pitch, shaft, camera) for pitch in pitches], None)
+    poses = [pose_of(run, pitch, shaft, camera) for pitch in pitches]
+    return [Start(pose, pose) for pose in poses]
 
 
-def lying_on(poses: Array, runs: Sequence[Run], camera: Camera) -> NDArray[np.bool_]:
-    """Whether the axes of poses (K, 5) are those of runs, (R, K)."""
+def lying_on(
+    poses: Array, runs: Sequence[Run], camera: Camera, widths: float = _OFF
+) -> NDArray[np.bool_]:
+    """Whether the axes of poses (K, 5) are those of runs, (R, K): up to some widths of the run."""
     tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
     axes = behind - tips
     axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
     ends = np.array([run.ends for run in runs]).reshape(-1, 1, 2, 2)
-    widths = np.array([run.widths for run in runs]).reshape(-1, 1, 2)
+    of_runs = np.array([run.widths for run in runs]).reshape(-1, 1, 2)
     offsets, axes = ends - tips[:, None], axes[:, None]
     aside = np.abs(offsets[..., 0] * axes[..., 1] - offsets[..., 1] * axes[..., 0])
-    return np.asarray((aside < np.maximum(_OFF * widths, _OFF_PX)).all(axis=2))
+    return np.asarray((aside < np.maximum(widths * of_runs, _OFF_PX)).all(axis=2))
+
+
+def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Which of poses (K, 5), best first, show a shaft of which no better one is shown: (K,).
+
+    Two poses on one run show the same shaft, at two places for its tip.
+    """
+    on = lying_on(poses, runs, camera)
+    return np.asarray((~on | (np.cumsum(on, axis=1) == 1)).all(axis=0))
 
 
 def pose_of(run: Run, pitch_deg: float, shaft: Shaft, camera: Camera) -> Array:

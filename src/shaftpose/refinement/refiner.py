@@ -9,14 +9,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from shaftpose.core.geometry import Camera, axis_direction
+from shaftpose.core.geometry import Camera, axis_direction, projected_axes
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.contour_sampling import scaled
 from shaftpose.refinement.crossings import Outline, leaving_out, met_outlines
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import EdgeErrors, Fit, Search, Stage, fit_pose
-from shaftpose.refinement.initial_poses import Starts, lying_on, starts_at, starts_on
+from shaftpose.refinement.initial_poses import (
+    Start,
+    first_on,
+    lying_on,
+    starts_at,
+    starts_on,
+)
 from shaftpose.refinement.straight_runs import Run, straight_runs
 from shaftpose.refinement.support import distinct, supported
 
@@ -26,6 +32,10 @@ _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
 _STARTS, _RESIDUAL_PX = 4, 4.0  # pitches from which the fit to the mask starts, and their rating
+# Pitches may be so far below the training's range: a camera that sees a wider angle than assumed
+# shows a shaft that widens more.
+_BEYOND_DEG = 15.0
+_NEAR_RUN = 0.5  # widths: a pose so near to a run may lie on it
 _READER_ERRORS = EdgeErrors(understated=12.0)
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
@@ -68,8 +78,8 @@ class Refiner:
     """Fits poses of one kind of shaft to the mask and, if `edges` is given, to the edges of the
     image.
 
-    pitches_deg: the range of the training images' poses, in which pitches are kept; None if it is
-    unknown.
+    pitches_deg: the range of the training images' poses, in or a little below which pitches are
+    kept; None if it is unknown.
     """
 
     def __init__(
@@ -82,7 +92,8 @@ class Refiner:
         self._least_arc = _LEAST_ARC if edges is None else _LEAST_READ_ARC
         if not shaft.flat_tip:  # its contour has no arc
             self._least_arc = 0.0
-        self._pitches_deg = low, high = pitches_deg or (0.0, 180.0)
+        low, high = pitches_deg or (0.0, 180.0)
+        self._pitches_deg = max(low - _BEYOND_DEG, 0.0), high
         places = (np.arange(_STARTS) + 0.5) / _STARTS
         self._starts_deg = None if pitches_deg is None else list(low + (high - low) * places)
 
@@ -107,18 +118,30 @@ class Refiner:
         wide = np.asarray(cv2.resize(mask, rgb.shape[1::-1]), dtype=np.float32)
         pictures = [scaled(image) for image in (rgb, fine) if image is not None]
         evidence = _Evidence(wide, pictures, camera)
-        starts = [starts_at(pose, self._starts_deg) for pose in found.poses]
-        fitted = self._fitted(found, starts, evidence)
+        runs = straight_runs(wide, camera) if self.shaft.flat_tip else []
+        fitted = self._fitted(found, self._starts(found.poses, runs, camera), evidence)
         if self.shaft.flat_tip:
-            fitted = self._with_runs(fitted, evidence)
+            fitted = self._with_runs(fitted, runs, evidence)
         order = np.argsort(-fitted.scores, kind="stable")
-        kept = fitted.rows(order[distinct(fitted.poses[order], self.shaft, camera)])
+        order = order[distinct(fitted.poses[order], self.shaft, camera)]
+        kept = fitted.rows(order[first_on(runs, fitted.poses[order], camera)])
         return self._apart(kept, evidence)
 
-    def _with_runs(self, fitted: FittedDetections, evidence: _Evidence) -> FittedDetections:
+    def _starts(self, poses: Array, runs: Sequence[Run], camera: Camera) -> list[list[Start]]:
+        """Starts of the fits of poses (K, 5): near them, and with their tips on the runs on which
+        they may lie."""
+        starts = [starts_at(pose, self._starts_deg) for pose in poses]
+        tips = projected_axes(poses, camera)[:, 0]
+        for number, row in np.argwhere(lying_on(poses, runs, camera, _NEAR_RUN)):
+            run = runs[number].from_tip_near(tips[row])
+            starts[row] += starts_on(run, self._starts_deg, self.shaft, camera)
+        return starts
+
+    def _with_runs(
+        self, fitted: FittedDetections, runs: Sequence[Run], evidence: _Evidence
+    ) -> FittedDetections:
         """The detections, less sure if they lie on no run of the mask, and the shafts on runs that
         none of them explains."""
-        runs = straight_runs(evidence.mask, evidence.camera)
         on = lying_on(fitted.poses, runs, evidence.camera)
         fitted = replace(fitted, scores=fitted.scores * np.where(on.any(axis=0), 1.0, _OFF_RUNS))
         explained = on[:, fitted.scores >= _EXPLAINS].any(axis=1)
@@ -128,12 +151,12 @@ class Refiner:
     def _on_runs(self, runs: Sequence[Run], evidence: _Evidence) -> FittedDetections:
         """Shafts that the mask alone shows, by its runs."""
         starts = [starts_on(run, self._starts_deg, self.shaft, evidence.camera) for run in runs]
-        poses = np.array([each.poses[0] for each in starts]).reshape(-1, 5)
+        poses = np.array([each[0].pose for each in starts]).reshape(-1, 5)
         shown = Detections(poses[:, :4], np.full(len(poses), _MASK_ALONE), poses)
         return self._fitted(shown, starts, evidence)
 
     def _fitted(
-        self, found: Detections, starts: Sequence[Starts], evidence: _Evidence
+        self, found: Detections, starts: Sequence[Sequence[Start]], evidence: _Evidence
     ) -> FittedDetections:
         """All detections, with poses fitted from their starts where there are enough edges, and
         with new scores."""
@@ -160,7 +183,7 @@ class Refiner:
         self,
         fitted: FittedDetections,
         row: int,
-        starts: Starts,
+        starts: Sequence[Start],
         evidence: _Evidence,
         others: Sequence[Outline],
     ) -> None:
@@ -179,7 +202,9 @@ class Refiner:
                 fitted.boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
             return
 
-    def _fits(self, starts: Starts, evidence: _Evidence, others: Sequence[Outline]) -> list[Fit]:
+    def _fits(
+        self, starts: Sequence[Start], evidence: _Evidence, others: Sequence[Outline]
+    ) -> list[Fit]:
         """The fit to the mask, followed by a fit to the edges of each picture in turn; failed ones
         are left out. Empty if the fit to the mask fails."""
         search = leaving_out(others, partial(mask_offsets, evidence.mask))
@@ -211,15 +236,15 @@ class Refiner:
             prior.information_in(enlarged), prior.pose, self._pitches_deg,
         )  # fmt: skip
 
-    def _on_mask(self, starts: Starts, search: Search, camera: Camera) -> Fit | None:
+    def _on_mask(self, starts: Sequence[Start], search: Search, camera: Camera) -> Fit | None:
         """The best of the fits to the mask from several poses."""
         prior = np.diag(_NETWORK_PRIOR**-2)
         fits = [
             fit_pose(
-                pose, self.shaft, camera, search, _MASK_STAGES, _MASK_ERRORS, prior, starts.known,
+                pose, self.shaft, camera, search, _MASK_STAGES, _MASK_ERRORS, prior, known,
                 self._pitches_deg,
             )
-            for pose in starts.poses
+            for pose, known in starts
         ]  # fmt: skip
         residuals = [
             np.inf if fit is None else self._residual(fit.pose, search, camera) for fit in fits
@@ -227,12 +252,15 @@ class Refiner:
         return fits[int(np.argmin(residuals))]
 
     def _residual(self, pose: Array, search: Search, camera: Camera) -> float:
-        """The mean squared offset of a mask's edges along the contour of a pose, px^2."""
+        """The mean squared offset of a mask's edges along the contour of a pose, px^2; where there
+        is no edge, it counts as `_RESIDUAL_PX`."""
         contour = shaft_contour(pose, self.shaft, camera)
+        if not len(contour.points):
+            return np.inf
         offsets = search(contour, _RESIDUAL_PX)
-        weights = offsets.weights * contour.lengths
         within = np.minimum(np.abs(offsets.px), _RESIDUAL_PX)
-        return float(weights @ within**2 / weights.sum()) if weights.sum() else np.inf
+        squares = offsets.weights * within**2 + (1 - offsets.weights) * _RESIDUAL_PX**2
+        return float(np.average(squares, weights=contour.lengths))
 
 
 def tip_state(

@@ -24,7 +24,7 @@ _LEAST_GAIN = 10.0
 _CLEAR, _LEAST_KNOWN = 0.5, 0.3  # least share of the run's contrast, and weight, of a clear slice
 _LONGEST_GAP = 3.0  # widths: two shafts that point at each other are no run
 _MARGIN_PX = 4.0  # around a run: pixels that belong to it, too
-_LEAST_LENGTH, _LEAST_PX = 1.2, 300.0  # length in widths, and area
+_LEAST_LENGTH, _LEAST_PX = 0.95, 300.0  # length in widths, and area
 _AT_BORDER, _AT_BORDER_PX = 0.5, 4.0  # widths: an end so near to the border is on it
 
 
@@ -48,6 +48,16 @@ class Run(NamedTuple):
     def direction(self) -> Array:
         """The unit vector (2,) from the first end to the second."""
         return np.asarray((self.ends[1] - self.ends[0]) / self.length)
+
+    def from_tip_near(self, tip: Array) -> "Run":
+        """The same run from the place nearest to another tip (2,) px, if it is before its end."""
+        along = float((tip - self.ends[0]) @ self.direction)
+        if along > self.length - 1:
+            return self
+        change = (self.widths[1] - self.widths[0]) / self.length
+        width = max(self.widths[0] + along * change, 1.0)
+        first = self.ends[0] + along * self.direction
+        return Run(np.stack([first, self.ends[1]]), np.array([width, self.widths[1]]))
 
 
 def straight_runs(mask: NDArray[np.float32], camera: Camera) -> list[Run]:
