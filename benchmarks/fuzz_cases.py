@@ -82,7 +82,7 @@ def camera(folder: Path, rng: Generator) -> None:
     path = folder / "cam.yaml"
     path.write_text(odd_text(CAMERA, rng))
     found = read_camera(path, lambda _: None)
-    view = known_camera(found, MODEL, bool(rng.integers(2)), lambda _: None)
+    view = known_camera(found, MODEL, MODEL.width if rng.integers(2) else None, lambda _: None)
     ends = np.array([[0.0, 0.0], [MODEL.width, MODEL.height]])
     assert np.isfinite(view(*(found.size or (640, 480))).image_px(ends)).all()
 

@@ -39,7 +39,7 @@ METADATA = ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat")
     ],
 )
 def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
-    view = whole_frame(2 * SIDE, 2 * SIDE, MODEL)
+    view = whole_frame(2 * SIDE, 2 * SIDE, SIDE)
     found = convex_mask(outline_px(pose, SHAFT, view), (2 * SIDE, 2 * SIDE))
     seen = np.isfinite(cylinder_depth(view.camera.enlarged(2), pose, 3.0, 150.0))
     assert (found & seen).sum() / (found | seen).sum() > 0.97
@@ -122,7 +122,7 @@ def test_tools_are_found_in_a_frames_pixels() -> None:
     rgb = np.zeros((2 * SIDE, 1200, 3), dtype=np.uint8)
     rgb[:, 200:1000] = 60
     rgb[400:, 200:400] = 255
-    bright, view = Bright(), whole_frame(1200, 2 * SIDE, MODEL)
+    bright, view = Bright(), whole_frame(1200, 2 * SIDE, SIDE)
     found = tool_mask(cast(Predictor, bright), rgb, view)
     assert found is not None
     assert found.shape == rgb.shape[:2]

@@ -82,6 +82,7 @@ def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
         ({"shaft_diameter_mm": "1e308"}, r"shaft_diameter_mm: 1e\+308 is not"),
         ({"shaft_length_mm": "-5"}, "shaft_length_mm: -5 is not"),
         ({"side_px": "1000000"}, "side_px: 1000000 is not from 32 to 4096"),
+        ({"frame_px": "16"}, "frame_px: 16 is not from 32 to 4096"),
         ({"low_pitch_deg": "90", "high_pitch_deg": "50"}, "low_pitch_deg: is above"),
         ({"distorted": "yes"}, "distorted: 'yes' is neither"),
         ({"edge_reader": "?"}, "base64"),

@@ -136,17 +136,17 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
 
 def test_a_camera_that_sees_less_than_the_model_is_warned_of_once() -> None:
     warnings: list[str] = []
-    views = known_camera(stated_view(60.0), MODEL, False, warnings.append)
+    views = known_camera(stated_view(60.0), MODEL, None, warnings.append)
     assert views(299, 299) is views(299, 299)
     assert len(warnings) == 1
     assert "299 x 299 px fill only 28% of the view" in warnings[0]
-    known_camera(stated_view(95.0), MODEL, False, warnings.append)(1920, 1080)
+    known_camera(stated_view(95.0), MODEL, None, warnings.append)(1920, 1080)
     assert len(warnings) == 1
 
 
 def test_a_network_of_any_size_sees_the_whole_frame_of_a_known_camera() -> None:
     """16:9 at the model's focal length: 95 deg across 1080 px are 299 px, 1920 px are 531.6."""
-    view = known_camera(stated_view(95.0), MODEL, True, fail)(1920, 1080)
+    view = known_camera(stated_view(95.0), MODEL, MODEL.width, fail)(1920, 1080)
     assert (view.camera.width, view.camera.height) == (531, 299)
     assert view.camera.focal_px == MODEL.focal_px
     ends = view.image_px(np.array([[0.0, 0], [531.56, 299]]))
@@ -178,16 +178,20 @@ def test_an_undistorted_picture_has_no_black_border(k1: float) -> None:
 
 def test_what_a_wide_camera_loses_is_said() -> None:
     said: list[str] = []
-    known_camera(stated_view(150.0), MODEL, True, said.append)(640, 480)
+    known_camera(stated_view(150.0), MODEL, MODEL.width, said.append)(640, 480)
     assert len(said) == 1 and "see more than 140 deg" in said[0]
 
 
 def test_an_unknown_cameras_frame_is_scaled_to_the_models_side() -> None:
-    view = unknown_camera(MODEL, True, fail)(1280, 720)
+    view = unknown_camera(MODEL, MODEL.width, fail)(1280, 720)
     assert (view.camera.width, view.camera.height) == (532, 299)
     assert view.image_px(np.array([[266.0, 149.5]]))[0] == pytest.approx([640, 360])
     fine = view.fine_picture(np.zeros((720, 1280, 3), np.uint8))
     assert fine is not None and fine.shape == (598, 1064, 3)
+    smaller = unknown_camera(MODEL, 240, fail)(1280, 720)
+    assert (smaller.camera.width, smaller.camera.height) == (427, 240)
+    known = known_camera(stated_view(95.0), MODEL, 240, fail)(1920, 1080)
+    assert known.camera.height == 240
 
 
 @pytest.mark.parametrize(("width", "height", "said"), [(63, 200, "at least 64"), (600, 100, "4:1")])
@@ -195,7 +199,7 @@ def test_frames_that_are_too_small_or_too_long_are_named(
     width: int, height: int, said: str
 ) -> None:
     with pytest.raises(InputError, match=said):
-        whole_frame(width, height, MODEL)
+        whole_frame(width, height, MODEL.width)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +209,7 @@ def test_frames_that_are_too_small_or_too_long_are_named(
 def test_oblong_pixels_are_stretched_to_square_ones(
     width: int, height: int, aspect: float, square: tuple[int, int]
 ) -> None:
-    views = unknown_camera(MODEL, True, fail)
+    views = unknown_camera(MODEL, MODEL.width, fail)
     view, twin = square_pixels(views)(width, height, aspect), views(*square)
     assert view.camera == twin.camera
     corners = np.array([[0.0, 0.0], [view.camera.width, view.camera.height], [100.0, 200.0]])
@@ -218,12 +222,12 @@ def test_oblong_pixels_are_stretched_to_square_ones(
 
 
 def test_a_calibration_knows_the_shape_of_its_pixels() -> None:
-    views = known_camera(stated_view(95.0), MODEL, True, fail)
+    views = known_camera(stated_view(95.0), MODEL, MODEL.width, fail)
     assert stored_pixels(views)(720, 576, 64 / 45) is views(720, 576)
 
 
 def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
-    views = parts_of(square_pixels(unknown_camera(MODEL, True, fail)), (100, 50, 400, 300))
+    views = parts_of(square_pixels(unknown_camera(MODEL, MODEL.width, fail)), (100, 50, 400, 300))
     view = views(640, 480, 1.0)
     assert view.image_px(np.array([[0.0, 0], [399, 299]])) == pytest.approx(
         np.array([[100, 50], [500, 350]]), abs=1
@@ -236,7 +240,7 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
 
 
 def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
-    seen = known_camera(stated_view(95.0), MODEL, True, fail)
+    seen = known_camera(stated_view(95.0), MODEL, MODEL.width, fail)
     views = parts_of(square_pixels(seen), (0, 0, 400, 60))
     with pytest.raises(InputError, match="--crop 0,0,400,60: has 400 x 60 px"):
         views(640, 480, 1.0)
@@ -244,14 +248,14 @@ def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
 
 def test_the_shorter_side_is_scaled_to_the_training_images_whatever_the_camera() -> None:
     for view_deg, focal in ((10.0, 1709.0), (63.34, 242.4)):
-        camera = known_camera(stated_view(view_deg), MODEL, True, fail)(1920, 1080).camera
+        camera = known_camera(stated_view(view_deg), MODEL, MODEL.width, fail)(1920, 1080).camera
         assert (camera.width, camera.height) == pytest.approx((531, 299), abs=1)
         assert camera.focal_px == pytest.approx(focal, rel=0.01)
 
 
 def test_a_network_of_squares_says_that_it_sees_the_central_one() -> None:
     warnings: list[str] = []
-    views = unknown_camera(MODEL, False, warnings.append)
+    views = unknown_camera(MODEL, None, warnings.append)
     assert views(299, 299).camera == MODEL and not warnings
     assert views(1280, 720) is views(1280, 720)
     views(640, 480)

@@ -15,7 +15,7 @@ from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
 from shaftpose.stage_files import read_stage_file
 from studies import real_frames
-from studies.choose_confidence import choose
+from studies.choose_for_frames import choose
 from studies.frame_tables import frame_blocks, runs_sentence
 from studies.real_frames import Run, Runs, label, measure, runs_of
 from studies.write_results_page import REAL, real_images
@@ -77,9 +77,10 @@ def test_results_name_the_model_the_part_and_both_digests(
 def test_a_threshold_is_chosen_by_the_axes_of_the_validation_part(model: str, data: Path) -> None:
     first, second = SCORES[:2]
     assert Predictor(Path(model)).confidence not in SCORES
-    threshold = choose(Path(model), data)  # the first detection is right, the second is not
-    assert second < threshold == pytest.approx(first)
-    assert Predictor(Path(model)).confidence == threshold
+    choice = choose(Path(model), data)  # the first detection is right, the second is not
+    assert second < choice.threshold == pytest.approx(first)
+    assert choice.frame_px is None  # the model takes images of one size
+    assert Predictor(Path(model)).confidence == choice.threshold
 
 
 def test_the_test_part_is_run_once(model: str, data: Path, tmp_path: Path) -> None:

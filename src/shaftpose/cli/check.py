@@ -100,7 +100,7 @@ def camera(path: Path, name: str) -> str:
     if stated.size is None:
         raise InputError(f"{path}: states no image_width and image_height; add them")
     (width, height), own = stated.size, stated(*stated.size)
-    seen = known_camera(stated, predictor.camera, predictor.takes_any_size, notes.append)(
+    seen = known_camera(stated, predictor.camera, predictor.frame_px, notes.append)(
         width, height
     ).camera
     lens = "fisheye" if own.fisheye else f"{own.distortion.size} coefficients"

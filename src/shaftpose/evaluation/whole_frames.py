@@ -43,7 +43,7 @@ class FrameModel:
             metadata.shaft_diameter_mm, metadata.shaft_length_mm, metadata.shaft_tip == "flat"
         )
         model = self._predictor
-        self._views = unknown_camera(model.camera, model.takes_any_size, _unsaid)
+        self._views = unknown_camera(model.camera, model.frame_px, _unsaid)
 
     def __call__(self, image: CocoImage) -> FoundShafts:
         """The shafts in an image. Masks end at its visible field."""
@@ -62,7 +62,7 @@ class FrameModel:
     def _tools(self, rgb: Image, view: View, field: Mask) -> Mask | None:
         """All parts of instruments (H, W) in a frame; None if the model sees only a part of it, or
         does not say."""
-        whole = self._predictor.takes_any_size
+        whole = self._predictor.frame_px is not None
         found = tool_mask(self._predictor, rgb, view) if whole else None
         return None if found is None else field & found
 

@@ -107,7 +107,7 @@ def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool)
             "which none of the options can state."
         )
     elif camera_unknown:
-        assumed_deg = ASSUMED_VIEW_DEG if predictor.takes_any_size else metadata.view_deg
+        assumed_deg = ASSUMED_VIEW_DEG if predictor.frame_px else metadata.view_deg
         unknown.append(
             f"A camera of {assumed_deg:g} deg is assumed: state yours (--camera or --view-deg)."
         )
@@ -124,13 +124,13 @@ def _views(
     predictor: Predictor, calibration: Path | None, view_deg: float | None, warn: Warn
 ) -> Views:
     """Views of the frames of the user's camera."""
-    any_size = predictor.takes_any_size
+    frame_px = predictor.frame_px
     if calibration is not None:
         camera = read_camera(calibration, warn)
-        return stored_pixels(known_camera(camera, predictor.camera, any_size, warn))
+        return stored_pixels(known_camera(camera, predictor.camera, frame_px, warn))
     if view_deg is not None:
-        return square_pixels(known_camera(stated_view(view_deg), predictor.camera, any_size, warn))
-    return square_pixels(unknown_camera(predictor.camera, any_size, warn))
+        return square_pixels(known_camera(stated_view(view_deg), predictor.camera, frame_px, warn))
+    return square_pixels(unknown_camera(predictor.camera, frame_px, warn))
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ _RANGES = {
     "shaft_diameter_mm": (1e-3, 1e3), "shaft_length_mm": (1e-3, 1e5),
     "low_pitch_deg": (0.0, 180.0), "high_pitch_deg": (0.0, 180.0),
 }  # fmt: skip
-SIDES_PX = 32, 4096  # of training images
+SIDES_PX = 32, 4096  # of training images, and of what a network sees of frames
 REGISTRY = "mlflow:/"  # prefix of names in a model registry
 
 
@@ -86,7 +86,8 @@ class ModelMetadata:
     the paper's. shaft_*: None for an instrument from a CAD file. distorted: whether the camera had
     lens distortion. edge_reader: a second ONNX model in bytes, see `inference.learned_edges`; None
     for a network without one. low_pitch_deg, high_pitch_deg: range of the training images' poses;
-    None in files of older versions.
+    None in files of older versions. frame_px: the shorter side of the image that a network of any
+    size sees of a whole frame; None: side_px.
     """
 
     confidence: float | None = None
@@ -100,6 +101,7 @@ class ModelMetadata:
     side_px: int = 299
     low_pitch_deg: float | None = None
     high_pitch_deg: float | None = None
+    frame_px: int | None = None
 
     @property
     def pitches_deg(self) -> tuple[float, float] | None:
@@ -123,9 +125,8 @@ class ModelMetadata:
         in base 64.
         """
         known = {name: _number(name, stated[name]) for name in _RANGES if name in stated}
-        side_px = int(stated.get("side_px", cls.side_px))
-        if not SIDES_PX[0] <= side_px <= SIDES_PX[1]:
-            raise ValueError(f"side_px: {side_px} is not from {SIDES_PX[0]} to {SIDES_PX[1]}")
+        side_px = _side("side_px", stated.get("side_px", str(cls.side_px)))
+        frame_px = _side("frame_px", stated["frame_px"]) if "frame_px" in stated else None
         if known.get("low_pitch_deg", 0.0) > known.get("high_pitch_deg", 180.0):
             raise ValueError("low_pitch_deg: is above high_pitch_deg")
         tip, distorted = stated.get("shaft_tip"), stated.get("distorted", "False")
@@ -134,9 +135,16 @@ class ModelMetadata:
         text = stated.get("edge_reader")
         reader = None if text is None else base64.b64decode(text, validate=True)
         return cls(
-            **known, side_px=side_px, shaft_tip=tip, distorted=distorted == "True",
-            edge_reader=reader,
+            **known, side_px=side_px, frame_px=frame_px, shaft_tip=tip,
+            distorted=distorted == "True", edge_reader=reader,
         )  # fmt: skip
+
+
+def _side(name: str, text: str) -> int:
+    value, (low, high) = int(text), SIDES_PX
+    if not low <= value <= high:
+        raise ValueError(f"{name}: {value} is not from {low} to {high}")
+    return value
 
 
 def _number(name: str, text: str) -> float:

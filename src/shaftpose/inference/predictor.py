@@ -59,9 +59,10 @@ class Predictor:
         return self._network.side_px or self.metadata.side_px
 
     @property
-    def takes_any_size(self) -> bool:
-        """Whether the model takes images of any height and width."""
-        return self._network.side_px is None
+    def frame_px(self) -> int | None:
+        """The shorter side of the image that the model sees of a whole frame; None: it takes square
+        images of one size alone."""
+        return None if self._network.side_px else self.metadata.frame_px or self.side_px
 
     @property
     def confidence(self) -> float:

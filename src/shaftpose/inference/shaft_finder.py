@@ -62,7 +62,7 @@ class ShaftFinder:
         if field is None:
             lit = "all black" if rgb.max() < LEAST_LEVEL else "dark in more than 95 % of it"
             self._warn(f"{source}: a frame of {width} x {height} px is {lit}")
-        if self._predictor.takes_any_size:
+        if self._predictor.frame_px is not None:
             if field is None:
                 return []
             picture, corner = picture.within(field), np.array(field.box[:2])

@@ -96,16 +96,15 @@ def central_square(width: int, height: int, model: Camera) -> Scaled:
     return Scaled(corner, np.array([side, side]), model)
 
 
-def whole_frame(width: int, height: int, model: Camera) -> Scaled:
-    """The whole frame, its shorter side scaled to the training images', of a camera that sees
+def whole_frame(width: int, height: int, side_px: int) -> Scaled:
+    """The whole frame, its shorter side scaled to `side_px`, of a camera that sees
     `ASSUMED_VIEW_DEG`.
 
     Raises InputError if the frame is too small or too long.
     """
     check_frame(width, height)
-    side = model.width
-    size = round(side * width / min(width, height)), round(side * height / min(width, height))
-    focal_px = Camera.from_field_of_view(side, side, ASSUMED_VIEW_DEG).focal_px
+    size = round(side_px * width / min(width, height)), round(side_px * height / min(width, height))
+    focal_px = Camera.from_field_of_view(side_px, side_px, ASSUMED_VIEW_DEG).focal_px
     camera = Camera(*size, focal_px, size[0] / 2, size[1] / 2)
     return Scaled(np.zeros(2), np.array([width, height]), camera)
 
@@ -274,15 +273,15 @@ def _shrunk(length: int, by: int) -> int:
     return max(round(length / by), 1)
 
 
-def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> SquareViews:
-    """Views of an unknown camera's frames: whole ones for a network of any size, else their central
-    squares. Of frames that are no squares, the first is warned of."""
+def unknown_camera(model: Camera, frame_px: int | None, warn: Warn) -> SquareViews:
+    """Views of an unknown camera's frames: whole ones, the shorter side scaled to `frame_px`; None:
+    their central squares. Of frames that are no squares, the first is warned of."""
     warn_once = cache(partial(warn, _SQUARES_ALONE))
 
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int) -> View:
-        if any_size:
-            return whole_frame(width, height, model)
+        if frame_px is not None:
+            return whole_frame(width, height, frame_px)
         if width != height:
             warn_once()
         return central_square(width, height, model)
@@ -290,9 +289,11 @@ def unknown_camera(model: Camera, any_size: bool, warn: Warn) -> SquareViews:
     return view
 
 
-def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn) -> SquareViews:
-    """Views of a known camera's frames: for a network of any size undistorted, the shorter side
-    scaled to the training images', else resampled for the model's camera.
+def known_camera(
+    camera: FrameCamera, model: Camera, frame_px: int | None, warn: Warn
+) -> SquareViews:
+    """Views of a known camera's frames: undistorted, the shorter side scaled to `frame_px`; None:
+    resampled for the model's camera.
 
     They warn of what is not seen.
     """
@@ -300,12 +301,12 @@ def known_camera(camera: FrameCamera, model: Camera, any_size: bool, warn: Warn)
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int) -> View:
         calibration = camera(width, height)
-        if any_size:
+        if frame_px is not None:
             check_frame(width, height)
             for cut in calibration.cuts():
                 warn(cut)
             whole = calibration.undistorted(calibration.focal_px)
-            focal_px = whole.focal_px * model.width / min(whole.width, whole.height)
+            focal_px = whole.focal_px * frame_px / min(whole.width, whole.height)
             return Resampled(calibration, calibration.undistorted(focal_px))
         resampled = Resampled(calibration, model)
         if resampled.covered < _LEAST_COVERED:
