@@ -14,7 +14,7 @@ THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-inference bench-soak bench-render bench-train ui figures large-frames film architecture learning results clean
+.PHONY: help env repro report test lint format bench bench-inference bench-soak bench-render bench-train ui figures large-frames film architecture results clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -106,9 +106,6 @@ film: $(READY)  ## render moving shafts, track them, and show it in docs
 
 architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables
-
-learning: $(READY)  ## write the tables of docs/learning.md from reports/learning
-	python -m studies.learning_tables
 
 results: $(READY)  ## write docs/results.md and README's table from the recorded reports and benchmarks
 	python -m studies.write_results_page
