@@ -69,6 +69,9 @@ def test_an_axis_lies_on_a_run_if_it_passes_both_ends() -> None:
     assert on.tolist() == [[True, True, False, False], [False, False, False, True]]
     assert lying_on(np.empty((0, 5)), runs, CAMERA).shape == (2, 0)
     assert lying_on(np.array([FIRST]), [], CAMERA).shape == (0, 1)
+    (run,) = straight_runs(mask_of(FIRST), CAMERA)
+    back = run._replace(ends=run.ends[::-1], widths=run.widths[::-1])  # its tip at the border
+    assert not lying_on(np.array([FIRST]), [back], CAMERA).any()
     nearly = FIRST + [0, 0, 0, 0, 6.0]  # aside at the border
     assert not lying_on(np.array([nearly]), runs, CAMERA)[0, 0]
     assert lying_on(np.array([nearly]), runs, CAMERA, 0.5)[0, 0]
@@ -81,6 +84,10 @@ def test_of_two_tips_on_one_run_the_better_one_stays() -> None:
     poses = np.array([behind, SECOND, beside, FIRST, SECOND])
     assert first_on(runs, poses, CAMERA).tolist() == [True, True, True, False, False]
     assert first_on([], poses, CAMERA).all()
+    reversed_runs = [
+        run._replace(ends=run.ends[::-1]) for run in runs
+    ]  # the same shaft all the same
+    assert not first_on(reversed_runs, poses, CAMERA)[3]
 
 
 @pytest.mark.parametrize("pitches_deg", [None, (50.0, 90.0)])

@@ -47,15 +47,10 @@ def starts_on(
 def lying_on(
     poses: Array, runs: Sequence[Run], camera: Camera, widths: float = _OFF
 ) -> NDArray[np.bool_]:
-    """Whether the axes of poses (K, 5) are those of runs, (R, K): up to some widths of the run."""
-    tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
-    axes = behind - tips
-    axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
-    ends = np.array([run.ends for run in runs]).reshape(-1, 1, 2, 2)
-    of_runs = np.array([run.widths for run in runs]).reshape(-1, 1, 2)
-    offsets, axes = ends - tips[:, None], axes[:, None]
-    aside = np.abs(offsets[..., 0] * axes[..., 1] - offsets[..., 1] * axes[..., 0])
-    return np.asarray((aside < np.maximum(widths * of_runs, _OFF_PX)).all(axis=2))
+    """Whether the axes of poses (K, 5) are those of runs, (R, K): with the tip on the same side,
+    and at most some widths of the run beside both of its ends."""
+    aside, along = _places(poses, runs, camera)
+    return (aside <= widths) & (along > 0)
 
 
 def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bool_]:
@@ -63,8 +58,23 @@ def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bo
 
     Two poses on one run show the same shaft, at two places for its tip.
     """
-    on = lying_on(poses, runs, camera)
+    on = _places(poses, runs, camera)[0] <= _OFF
     return np.asarray((~on | (np.cumsum(on, axis=1) == 1)).all(axis=0))
+
+
+def _places(poses: Array, runs: Sequence[Run], camera: Camera) -> tuple[Array, Array]:
+    """How many widths of each run its ends are beside the axis of each pose, the larger of both
+    (R, K), up to `_OFF` within `_OFF_PX`; and the cosines (R, K) between run and axis."""
+    tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
+    axes = behind - tips
+    axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
+    ends = np.array([run.ends for run in runs]).reshape(-1, 1, 2, 2)
+    widths = np.array([run.widths for run in runs]).reshape(-1, 1, 2)
+    offsets, across = ends - tips[:, None], axes[:, None]
+    aside = np.abs(offsets[..., 0] * across[..., 1] - offsets[..., 1] * across[..., 0])
+    directions = np.array([run.direction for run in runs]).reshape(-1, 2)
+    places = aside / np.maximum(widths, _OFF_PX / _OFF)
+    return places.max(axis=2, initial=0.0), directions @ axes.T
 
 
 def pose_of(run: Run, pitch_deg: float, shaft: Shaft, camera: Camera) -> Array:
