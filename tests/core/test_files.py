@@ -39,6 +39,19 @@ def test_what_is_cut_off_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_parts_that_others_have_made_are_left_alone(tmp_path: Path) -> None:
+    """The user's own files, or what a killed process has left; one is a link to nowhere."""
+    path, own, link = tmp_path / "file", tmp_path / "file.part", tmp_path / "file.2.part"
+    own.write_text("mine")
+    link.symlink_to(tmp_path / "nowhere")
+    with new_file(path) as first, new_file(path) as second:
+        first.write_text("one")
+        second.write_text("two")
+    assert path.read_text() == "one"
+    assert own.read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == sorted([path, own, link])
+
+
 def test_a_full_disk_is_named_with_the_remedy(tmp_path: Path) -> None:
     with (
         pytest.raises(InputError, match="No space left on device; make room") as caught,

@@ -4,7 +4,8 @@ import csv
 import errno
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,30 @@ from shaftpose.core.errors import InputError
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path that replaces `path` on success; create its folder if needed.
+    """Yield a temporary path, a new file, that replaces `path` on success; create its folder if
+    needed.
 
     An existing file is replaced, not written to: it may be a hard link into DVC's cache, which must
     not change.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.part")
+    part = _new_part(path)
     try:
         yield part
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _new_part(path: Path) -> Path:
+    """Create the first of NAME.part, NAME.2.part, ... that does not exist: others may be the
+    user's, another process's, or what a killed one has left."""
+    for number in count(1):
+        part = path.with_name(f"{path.name}{f'.{number}' if number > 1 else ''}.part")
+        with suppress(FileExistsError):
+            part.touch(exist_ok=False)
+            break
+    return part
 
 
 def write_csv(path: Path, headings: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
