@@ -38,6 +38,13 @@ def picture_count(data: bytes) -> int:
     return 1
 
 
+def overruns(data: bytes) -> bool:
+    """Whether a PNG file states a part that is longer than the file: OpenCV would set aside memory
+    for it."""
+    chunks = _png_chunks(data) if data[:4] == b"\x89PNG" else iter(())
+    return any(len(chunk) < 12 + int.from_bytes(chunk[:4], "big") for chunk in chunks)
+
+
 def still(data: bytes) -> bytes:
     """The file with its first picture alone, where OpenCV 4.11 crashes on damaged others."""
     if data[:4] != b"\x89PNG" or next(_animation(data), None) is None:
@@ -89,13 +96,16 @@ class _Tiff:
 
 
 def _png_chunks(data: bytes) -> Iterator[bytes]:
-    """The chunks of a PNG file: 4 bytes of length, 4 of name, content, 4 of checksum."""
+    """The chunks of a PNG file: 4 bytes of length, 4 of name, content, 4 of checksum; the
+    last one is `IEND`."""
     place = 8
     for _ in range(_MOST_PARTS):
         if place >= len(data):
             return
         end = place + 12 + int.from_bytes(data[place : place + 4], "big")
         yield data[place:end]
+        if data[place + 4 : place + 8] == b"IEND":
+            return
         place = end
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.files import new_file
-from shaftpose.core.image_formats import orientation, picture_count, still
+from shaftpose.core.image_formats import orientation, overruns, picture_count, still
 
 Image = NDArray[np.uint8]
 
@@ -42,8 +42,9 @@ def read_rgb(path: Path, warn: Warn = _log.warning) -> Image:
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
     if turned is not None:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
+    whole = bool(data) and not overruns(data)
     try:
-        pixels = cv2.imdecode(np.frombuffer(still(data), np.uint8), flags) if data else None
+        pixels = cv2.imdecode(np.frombuffer(still(data), np.uint8), flags) if whole else None
     except cv2.error as error:  # it refuses the size
         raise InputError(
             f"{path}: states a size beyond {os.environ[MOST_PIXELS]} pixels; scale it down, or set "
