@@ -91,21 +91,12 @@ def test_a_damaged_animation_leaves_its_first_picture(tmp_path: Path) -> None:
     assert still(data) == encoded(".png", IMAGE)
 
 
-@pytest.mark.parametrize("place", [8, 33])  # of the header, of the pixels
-def test_a_part_longer_than_its_file_is_not_decoded(
-    place: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """OpenCV would set aside 2.8 GB."""
-    data = bytearray(encoded(".png", IMAGE))
-    data[place : place + 4] = (2_800_000_000).to_bytes(4, "big")
-    monkeypatch.setattr(cv2, "imdecode", lambda *_: fail("decoded"))
-    with pytest.raises(InputError, match="not a readable image"):
-        read_rgb(written(tmp_path, bytes(data)))
-
-
-def test_what_follows_the_end_of_an_image_means_nothing(tmp_path: Path) -> None:
-    path = written(tmp_path, encoded(".png", IMAGE) + b"\xff" * 100)
-    np.testing.assert_array_equal(read_rgb(path), IMAGE)
+def test_joined_jpeg_files_are_counted(tmp_path: Path) -> None:
+    """Such as a film of JPEG files without a container."""
+    data, warnings = encoded(".jpg", IMAGE), list[str]()
+    assert picture_count(data) == 1
+    read_rgb(written(tmp_path, data + data + data), warnings.append)
+    assert warnings == [f"{tmp_path}/image: holds 3 pictures; all but the first are left out, 2"]
 
 
 @pytest.mark.parametrize(("bits", "used"), [(8, 8), (10, 10), (11, 12), (12, 12), (14, 14)])

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.files import new_file
-from shaftpose.core.image_formats import orientation, overruns, picture_count, still
+from shaftpose.core.image_formats import orientation, picture_count, still
+from shaftpose.core.image_oddities import misread, oblong, overruns
 
 Image = NDArray[np.uint8]
 
@@ -34,13 +35,32 @@ def decode_rgb(data: bytes) -> Image | None:
 def read_rgb(path: Path, warn: Warn = _log.warning) -> Image:
     """The first picture in an image file, turned as EXIF says, of 8 bits.
 
-    warn: is told of further pictures, and of 16 bits that are not all used. Raises InputError
-    naming the file if it is missing, unreadable, too large or not an image.
+    warn: is told of further pictures, of pixels that are not square, and of 16 bits that are not
+    all used. Raises InputError naming the file if it is missing, unreadable, too large or not an
+    image, or if OpenCV misreads it.
     """
     data = _content(path)
     turned = orientation(data)
+    pixels = _decoded(path, data, turned is not None)
+    if not np.issubdtype(pixels.dtype, np.integer):
+        raise InputError(f"{path}: its pixels are decimal numbers; save them as 8 or 16 bits")
+    if (count := picture_count(data)) > 1:
+        warn(f"{path}: holds {count} pictures; all but the first are left out, {count - 1}")
+    if sides := oblong(data):
+        warn(
+            f"{path}: states pixels that are not square ({sides[0]} : {sides[1]}); they are taken "
+            "for square: if they are not, resize it"
+        )
+    bgr = _upright(_eight_bits(pixels, warn), turned or 1)
+    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _decoded(path: Path, data: bytes, as_stored: bool) -> NDArray[Any]:
+    """The pixels (H, W, 3), blue first. as_stored: not turned as EXIF says."""
+    if reason := misread(data):
+        raise InputError(f"{path}: {reason}; save it as a PNG of 8 or 16 bits")
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
-    if turned is not None:
+    if as_stored:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
     whole = bool(data) and not overruns(data)
     try:
@@ -52,12 +72,7 @@ def read_rgb(path: Path, warn: Warn = _log.warning) -> Image:
         ) from error
     if pixels is None:
         raise InputError(f"{path}: not a readable image; replace it with an intact PNG or JPEG")
-    if not np.issubdtype(pixels.dtype, np.integer):
-        raise InputError(f"{path}: its pixels are decimal numbers; save them as 8 or 16 bits")
-    if (count := picture_count(data)) > 1:
-        warn(f"{path}: holds {count} pictures; all but the first are left out, {count - 1}")
-    bgr = _upright(_eight_bits(np.asarray(pixels), warn), turned or 1)
-    return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
+    return np.asarray(pixels)
 
 
 def _content(path: Path) -> bytes:
