@@ -106,6 +106,32 @@ def test_single_missing_frames_are_told(tmp_path: Path) -> None:
     assert warnings == [f"{path}: 2 of its 62 frames are missing"]
 
 
+EVERY_40_MS = [*range(0, 800, 40)]
+GAP = "has no frames between 0.08 and 0.20 s"
+
+
+@pytest.mark.parametrize(
+    ("missing", "span", "warning"),
+    [
+        ([], Span(), ""),
+        ([3, 4], Span(), f"{GAP}; it may be damaged there"),
+        ([3, 4], Span(end_s=0.4), f"{GAP}; it may be damaged there"),
+        ([3, 4], Span(end_s=0.1), ""),
+        ([3, 4, 7, 12], Span(), f"{GAP}, nor in 2 other gaps; it may be damaged there"),
+        ([3, 5, 7, 9, 11], Span(), ""),  # the rate varies
+    ],
+)
+def test_gaps_between_times_are_told(
+    missing: list[int], span: Span, warning: str, tmp_path: Path
+) -> None:
+    """Matroska states no number of frames."""
+    times = [time for number, time in enumerate(EVERY_40_MS) if number not in missing]
+    path = write_matroska(tmp_path / "clip.mkv", [40] * len(times), times, 800)
+    warnings: list[str] = []
+    list(VideoFile(path, span).frames(warnings.append))
+    assert warnings == ([f"{path}: {warning}"] if warning else [])
+
+
 @pytest.mark.parametrize("content", [None, b"", b"no video"])
 def test_what_is_no_video_is_named(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "clip.mp4"

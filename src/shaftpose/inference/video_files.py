@@ -13,6 +13,7 @@ from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.decoded_frames import DecodedFrames, opened
 from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
+from shaftpose.inference.film_gaps import FilmGaps
 from shaftpose.inference.frames import USUAL_FPS, Frame, from_bgr
 
 _log = logging.getLogger(__name__)
@@ -62,12 +63,16 @@ class VideoFile:
         not a video, ends early, or cannot be decoded; warns if single frames are missing."""
         capture = self._opened()
         fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
-        number, time_s, step_s, decoded = 0, 0.0, 1 / fps, DecodedFrames(self.name)
+        number, time_s, step_s = 0, 0.0, 1 / fps
+        decoded, gaps = DecodedFrames(self.name), FilmGaps(fps)
         while capture.grab():
             last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
             step_s = max(step_s, time_s - last_s)
             if time_s >= self.span.end_s:
+                self._check_gaps(gaps, warn)
                 return
+            if number:
+                gaps.add(time_s)
             if number == 0 or self._wants(number, time_s):
                 bgr = capture.retrieve()[1]
                 if bgr is None:  # a damaged file
@@ -78,6 +83,7 @@ class VideoFile:
                     yield Frame(self.name, number, from_bgr(bgr), time_s, rate, aspect)
             number += 1
         self._check_end(number, time_s + step_s, stated_length(capture) or 0, fps, warn)
+        self._check_gaps(gaps, warn)
         if self.first == 0 and self.span == Span():
             decoded.check_all()
 
@@ -118,6 +124,11 @@ class VideoFile:
             warn(f"{self.path}: {stated - count} of its {stated} frames are missing")
         if end_s <= self.span.start_s:
             raise InputError(f"{self.path}: ends after {end_s:.2f} s, before --start")
+
+    def _check_gaps(self, gaps: FilmGaps, warn: Warn) -> None:
+        """Warn of gaps in a film that does not state its exact number of frames."""
+        if str(gaps) and not counts_frames(self.path):
+            warn(f"{self.path}: {gaps}; it may be damaged there")
 
 
 def _time_s(capture: cv2.VideoCapture, last_s: float, fps: float) -> float:
