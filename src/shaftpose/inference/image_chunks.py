@@ -69,6 +69,6 @@ def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk
 def _lost(source: Source) -> PredictedImage:
     return PredictedImage(
         source.name,
-        error=f"{source.name}: every process that predicted it died: it needs too much memory, or "
-        "its damage crashes OpenCV; leave it out",
+        error=f"{source.name}: every process that predicted it died; leave it out, or predict it "
+        "alone without --workers to see how it ends",
     )
