@@ -109,6 +109,7 @@ def test_what_opencv_writes_is_read(suffix: str, tmp_path: Path) -> None:
         ("---", "---\ndistortion_model: 3", "distortion_model: "),
         ("---", "---\nxi: 1.2", "distortion_model: omnidirectional is not supported"),
         ("320.5", "720.5", "the camera's principal point"),
+        ("510.", "51.", "focal lengths of 500 and 51 px are not those of one lens"),
         ("rows: 3", f"{'9' * 40}: 3", "no calibration file"),
         ("-2.5e-01", "9" * 40, "no calibration file"),
         (FILE, "[1, 2]", "no calibration file"),
@@ -178,6 +179,31 @@ def test_ros_names_the_lens(model: str, fisheye: bool, path: Path) -> None:
     camera = read(path)
     assert (camera.size, camera.fisheye) == ((640, 480), fisheye)
     assert camera(640, 480).fisheye is fisheye
+
+
+# As `rostopic echo /camera_info` prints it; ROS 2 has lower-case names.
+MESSAGE = """header:
+  frame_id: "endoscope"
+height: 480
+width: 640
+distortion_model: "plumb_bob"
+D: [-0.25, 0.0, 1.0, 0.0, 0.125]
+K: [500.0, 0.0, 320.5, 0.0, 510.0, 239.25, 0.0, 0.0, 1.0]
+roi:
+  height: 0
+  width: 0
+---
+"""
+
+
+@pytest.mark.parametrize("text", [MESSAGE, MESSAGE.replace("D:", "d:").replace("K:", "k:")])
+@pytest.mark.parametrize("begin", ["", "---\n", "\ufeff"])
+def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
+    path.write_text(begin + text, encoding="utf-8")
+    camera = read(path)
+    assert camera.size == (640, 480)
+    assert camera.matrix.tolist() == [[500, 0, 320.5], [0, 510, 239.25], [0, 0, 1]]
+    assert camera.distortion.tolist() == [-0.25, 0, 1, 0, 0.125]
 
 
 def test_opencvs_fisheye_lens_is_read(path: Path) -> None:

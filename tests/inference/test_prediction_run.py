@@ -98,6 +98,16 @@ def test_a_folder_without_images_says_so_in_its_turn(tmp_path: Path) -> None:
         list(folder.frames())
 
 
+def test_films_in_a_folder_are_told(tmp_path: Path) -> None:
+    """Pictures that OpenCV reads as films, too, but no others."""
+    for name in ("a.png", "b.mp4", "c.GIF", "notes.txt", ".d.avi", "e.mkv.part"):
+        (tmp_path / name).touch()
+    warnings: list[str] = []
+    found = sources([str(tmp_path)], [], Span(), warnings.append)
+    assert list(found) == [ImageFile(tmp_path / "a.png")]
+    assert warnings == [f"{tmp_path}: its films are left out (2, such as b.mp4); name each film"]
+
+
 def test_an_image_is_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     write_jpeg(np.full((20, 30, 3), 90, dtype=np.uint8), path)

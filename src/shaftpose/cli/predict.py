@@ -140,7 +140,7 @@ def named_sources(options: argparse.Namespace) -> Iterable[Source]:
     names, span = options.sources, Span(options.start, options.end, options.every)
     if "-" in names and isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
-    found = sources(names, sys.stdin or (), span)
+    found = sources(names, sys.stdin or (), span, warn)
     return found if "-" in names else list(found)
 
 

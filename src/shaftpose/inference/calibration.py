@@ -24,6 +24,7 @@ _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are nev
 _AXES = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
 # Of a frame's longer side; a fisheye lens of 180 deg has 0.3.
 _FOCAL_LENGTHS = 0.005, 100.0
+_OBLONGEST = 4.0  # of a pixel's sides
 _LEAST_LEFT = 0.1  # of a frame's side that an undistorted picture shows
 
 
@@ -90,6 +91,11 @@ class Calibration:
         if lengths.min() < _FOCAL_LENGTHS[0] or lengths.max() > _FOCAL_LENGTHS[1]:
             raise InputError(
                 f"a focal length of {self.focal_px:g} px is not that of {frames}; calibrate again"
+            )
+        if lengths.max() > _OBLONGEST * lengths.min():
+            raise InputError(
+                "focal lengths of {:g} and {:g} px are not those of one lens; calibrate "
+                "again".format(*np.diag(self.matrix)[:2])
             )
         if near < 1:
             raise InputError(

@@ -15,11 +15,12 @@ from shaftpose.inference.calibration import Calibration
 FrameCamera = Callable[[int, int], Calibration]
 
 # The names of OpenCV's and ROS's programs.
-_SIDES = ("image_width", "image_Width"), ("image_height", "image_Height")
+_SIDES = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 _SIZES = ("cameraResolution", "image_size")
-_MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "M1")
+_MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1")
 _DISTORTIONS = (
-    "distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "D", "D1"
+    "distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "distCoeffs", "D", "d",
+    "D1",
 )  # fmt: skip
 # ROS's names -> whether it is OpenCV's fisheye lens.
 _LENSES = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}
@@ -117,12 +118,13 @@ def _camera_in(path: Path) -> tuple[CameraFile, int]:
 
 
 def _opened(path: Path) -> cv2.FileStorage:
-    with path.open(encoding="utf-8") as file:
+    with path.open(encoding="utf-8-sig") as file:
         text = file.read(_MOST_CHARACTERS + 1)
     if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
         raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
     if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
-        text = f"%YAML:1.0\n---\n{text}"
+        message = text.strip().removeprefix("---").removesuffix("---")  # as `rostopic echo` ends it
+        text = f"%YAML:1.0\n---\n{message}\n"
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     if not storage.root().isMap():
         raise _no_calibration(path)

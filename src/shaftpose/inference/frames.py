@@ -16,6 +16,10 @@ from shaftpose.core.images import Image, read_rgb
 
 # Files that are named like this are images even if their content is damaged.
 _SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
+# Files that are named like this are films, or pictures that OpenCV reads as films.
+_FILMS = frozenset(
+    (".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv")
+)
 USUAL_FPS = 25.0  # assumed where none is stated
 _log = logging.getLogger(__name__)
 
@@ -125,14 +129,19 @@ class EmptyFolder:
         raise InputError(f"{self.path}: {self.reason}; name a folder of images")
 
 
-def images_of(folder: Path) -> Sequence[ImageFile | EmptyFolder]:
+def images_of(folder: Path, warn: Warn = _log.warning) -> Sequence[ImageFile | EmptyFolder]:
     """The images in a folder, sorted by name, numbers in names by value. Subfolders, hidden files
-    and unfinished copies (`.part`) are ignored."""
+    and unfinished copies (`.part`) are ignored. warn: is told of films."""
     try:
-        files = [path for path in folder.iterdir() if _is_named(path.name) and is_image(path)]
+        named = [path for path in folder.iterdir() if _is_named(path.name)]
     except OSError as error:
         return [EmptyFolder(folder, f"cannot be read ({error.strerror})")]
-    files.sort(key=_numbers_by_value)
+    files = sorted(filter(is_image, named), key=_numbers_by_value)
+    films = {path.name for path in named if path.suffix.lower() in _FILMS}
+    if films := films - {path.name for path in files}:
+        warn(
+            f"{folder}: its films are left out ({len(films)}, such as {min(films)}); name each film"
+        )
     return [ImageFile(path) for path in files] or [EmptyFolder(folder, "holds no image")]
 
 

@@ -1,5 +1,6 @@
 """A prediction run: the sources that the user names, the loop over their frames, the outputs."""
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -20,23 +21,26 @@ from shaftpose.inference.web_addresses import WebAddress, file_source
 
 # Writes a frame with its shafts.
 Write = Callable[[Frame, Sequence[FoundShaft]], None]
+_log = logging.getLogger(__name__)
 F = TypeVar("F", bound=FrameId)
 F_co = TypeVar("F_co", bound=FrameId, covariant=True)
 
 
-def sources(names: Iterable[str], lines: Iterable[str], span: Span) -> Iterator[Source]:
+def sources(
+    names: Iterable[str], lines: Iterable[str], span: Span, warn: Warn = _log.warning
+) -> Iterator[Source]:
     """The sources with these names, in order; `-` stands for the names on `lines`, which are read
-    one at a time. span: the part of films that is wanted."""
+    one at a time. span: the part of films that is wanted. warn: is told of films in folders."""
     for name in names:
         if name == "-":
             for line in lines:
                 if written := line.rstrip("\r\n"):
-                    yield from _named(written, span)
+                    yield from _named(written, span, warn)
         else:
-            yield from _named(name, span)
+            yield from _named(name, span, warn)
 
 
-def _named(name: str, span: Span) -> Iterable[Source]:
+def _named(name: str, span: Span, warn: Warn) -> Iterable[Source]:
     """A whole number is a camera, a name with `://` an address; all others are paths."""
     if name.isdecimal():
         return [LiveStream(int(name))]
@@ -47,7 +51,7 @@ def _named(name: str, span: Span) -> Iterable[Source]:
         return [WebAddress(name, span) if scheme in ("http", "https") else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
-        return images_of(path)
+        return images_of(path, warn)
     return [file_source(path, span)]
 
 
