@@ -204,3 +204,12 @@ def test_no_file_is_overwritten(tmp_path: Path) -> None:
     for name in ("a.jpg", "a-2.jpg"):
         (tmp_path / name).touch()
     assert unused(tmp_path, "a", "jpg") == (tmp_path / "a-3.jpg", tmp_path / "a-2.jpg")
+
+
+def test_a_film_with_a_colon_in_its_name_is_drawn_into_this_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with annotated_files(Path()) as files:
+        files.add(film_frame("10:30:00.avi", 0, grey(40)), [])
+    assert len(read_greys(tmp_path / "10:30:00.mp4")) == 1

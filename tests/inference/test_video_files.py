@@ -142,6 +142,14 @@ def test_what_is_no_video_is_named(content: bytes | None, tmp_path: Path) -> Non
     assert VideoFile(path).length is None
 
 
+@pytest.mark.parametrize("name", ["2026-11-27T10:30:00.avi", "http:a.avi", "concat:a.avi"])
+def test_a_name_is_no_address(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_video(tmp_path / name, [40, 80])
+    video = VideoFile(Path(name))
+    assert (video.length, len(list(video.frames()))) == (2, 2)
+
+
 def test_a_name_at_which_opencv_crashes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "caf\udce9.mp4"
     path.write_bytes(b"no video")

@@ -128,11 +128,11 @@ class AnnotatedVideo:
     def __init__(self, path: Path, first: Frame) -> None:
         if not opencv_takes(str(path)):
             raise UnwritableError(f"{path}: not UTF-8; name another folder by --out")
-        self._name, self._count = str(path), 0
+        self._path, self._count = path.absolute(), 0  # OpenCV takes `a:b.mp4` for an address
         self._source, self._shape, self._fps = first.source, first.rgb.shape, first.fps
         self._number, self._start_s = first.number, first.time_s or 0.0
         self._last: MatLike | None = None
-        self._writer = _writer(self._name, first)
+        self._writer = _writer(str(self._path), first)
         if not self._writer.isOpened():
             raise UnwritableError(
                 f"{path}: cannot be written as a video; name another folder by --out"
@@ -161,8 +161,8 @@ class AnnotatedVideo:
     def close(self) -> None:
         """Finish the file. Raises UnwritableError if it lacks frames: OpenCV reports no failure."""
         self.release()
-        if (stated_length(cv2.VideoCapture(self._name)) or 0) < self._count:
-            raise incomplete(self._name)
+        if (stated_length(cv2.VideoCapture(str(self._path))) or 0) < self._count:
+            raise incomplete(self._path)
 
     def release(self) -> None:
         """Finish the file as it is."""

@@ -4,6 +4,8 @@ OpenCV since 4.13 reports no failure for interlaced video: it returns memory tha
 written, with whatever it holds, such as another video's frames.
 """
 
+import os
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +16,9 @@ _OTHER_GREY, _COPIES = 85, 8  # what freed memory is made to hold, and how much 
 
 
 def opened(name: str) -> cv2.VideoCapture:
-    """A video whose frames are upright: not all versions of OpenCV turn them unasked."""
-    capture = cv2.VideoCapture(name)
+    """A video file whose frames are upright: not all versions of OpenCV turn them unasked. Of a
+    relative path, what precedes a colon would be taken for a protocol, such as `http:`."""
+    capture = cv2.VideoCapture(os.path.abspath(name))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 1)
     return capture
 

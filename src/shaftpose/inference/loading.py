@@ -7,11 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
-
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.calibration_files import read_camera, stated_view
-from shaftpose.inference.model_files import DEFAULT, model_file
+from shaftpose.inference.model_files import DEFAULT, DIAMETERS_MM, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.views import (
@@ -85,8 +83,9 @@ def _check(
         raise InputError(f"camera {camera} and view_deg {view_deg:g}: give one of them")
     if view_deg is not None and not 0 < view_deg < 180:
         raise InputError(f"view_deg {view_deg:g}: give an angle between 0 and 180")
-    if diameter_mm is not None and not 0 < diameter_mm < np.inf:
-        raise InputError(f"diameter_mm {diameter_mm:g}: give a number above 0")
+    least, most = DIAMETERS_MM
+    if diameter_mm is not None and not least <= diameter_mm <= most:
+        raise InputError(f"diameter_mm {diameter_mm:g}: give a number from {least:g} to {most:g}")
     if score is not None and not 0 <= score <= 1:
         raise InputError(f"score {score:g}: give a number from 0 to 1")
     if crop is not None and (len(crop) != 4 or min(crop[2:]) < 1):

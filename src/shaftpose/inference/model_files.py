@@ -42,10 +42,11 @@ def checksum(model: Path) -> bytes:
     return f"{hashlib.sha256(model.read_bytes()).hexdigest()}  {model.name}\n".encode()
 
 
+DIAMETERS_MM = 1e-3, 1e3  # of shafts
 # The lowest and highest values of numbers in a model's metadata.
 _RANGES = {
     "confidence": (0.0, 1.0), "fit_confidence": (0.0, 1.0), "view_deg": (0.1, 179.0),
-    "shaft_diameter_mm": (1e-3, 1e3), "shaft_length_mm": (1e-3, 1e5),
+    "shaft_diameter_mm": DIAMETERS_MM, "shaft_length_mm": (1e-3, 1e5),
     "low_pitch_deg": (0.0, 180.0), "high_pitch_deg": (0.0, 180.0),
 }  # fmt: skip
 SIDES_PX = 32, 4096  # of training images, and of what a network sees of frames

@@ -56,7 +56,7 @@ class VideoFile:
         readable = os.path.isfile(self.path) and opencv_takes(self.name)
         if not readable or self.span != Span():
             return None
-        return stated_length(cv2.VideoCapture(self.name))
+        return stated_length(opened(self.name))
 
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
         """The frames, at the times that the file states. Raises InputError naming the file if it is
