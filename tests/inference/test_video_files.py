@@ -86,6 +86,16 @@ def test_the_last_frame_may_be_shown_for_long(tmp_path: Path) -> None:
     assert len(list(VideoFile(path).frames(fail))) == 3
 
 
+def test_a_later_part_of_a_recording_is_complete(tmp_path: Path) -> None:
+    """Its times begin at 10 s, and its length is their end."""
+    times = [*range(10_000, 10_400, 40)]
+    path = write_matroska(tmp_path / "part.mkv", [40] * 10, times, 10_400)
+    assert [frame.time_s for frame in VideoFile(path).frames(fail)] == [n / 25 for n in range(10)]
+    path = write_matroska(tmp_path / "cut.mkv", [40] * 10, times, 11_000)
+    with pytest.raises(InputError, match=f"^{path}: ends after 10 of 25 frames"):
+        list(VideoFile(path).frames(fail))
+
+
 def test_a_trimmed_video_is_complete(tmp_path: Path) -> None:
     """Its header counts 20 frames, of which an edit list shows the second half."""
     path = write_video(tmp_path / "clip.mp4", range(20, 120, 5))

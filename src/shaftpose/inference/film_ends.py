@@ -18,6 +18,13 @@ def counts_frames(path: Path) -> bool:
     return head[4:8] in _BOXES or head[:4] == b"RIFF"
 
 
+def counts_from_zero(path: Path) -> bool:
+    """Whether a file is Matroska or WebM, whose stated length includes the time before its first
+    frame, such as of a later part of a recording."""
+    with path.open("rb") as file:
+        return file.read(4) == _EBML
+
+
 def is_cut(path: Path) -> bool:
     """Whether a file ends before the parts that it states; False for other containers."""
     size = path.stat().st_size

@@ -12,7 +12,7 @@ import numpy as np
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.decoded_frames import DecodedFrames, opened
-from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
+from shaftpose.inference.film_ends import counts_frames, counts_from_zero, film_seconds, is_cut
 from shaftpose.inference.film_gaps import FilmGaps
 from shaftpose.inference.frames import USUAL_FPS, Frame, from_bgr
 
@@ -63,7 +63,7 @@ class VideoFile:
         not a video, ends early, or cannot be decoded; warns if single frames are missing."""
         capture = self._opened()
         fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
-        number, time_s, step_s = 0, 0.0, 1 / fps
+        number, time_s, step_s, stated = 0, 0.0, 1 / fps, 0
         decoded, gaps = DecodedFrames(self.name), FilmGaps(fps)
         while capture.grab():
             last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
@@ -73,6 +73,8 @@ class VideoFile:
                 return
             if number:
                 gaps.add(time_s)
+            else:
+                stated = self._stated(capture)
             if number == 0 or self._wants(number, time_s):
                 bgr = capture.retrieve()[1]
                 if bgr is None:  # a damaged file
@@ -82,7 +84,7 @@ class VideoFile:
                     rate = fps / self.span.every
                     yield Frame(self.name, number, from_bgr(bgr), time_s, rate, aspect)
             number += 1
-        self._check_end(number, time_s + step_s, stated_length(capture) or 0, fps, warn)
+        self._check_end(number, time_s + step_s, stated, fps, warn)
         self._check_gaps(gaps, warn)
         if self.first == 0 and self.span == Span():
             decoded.check_all()
@@ -100,6 +102,14 @@ class VideoFile:
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
         check_size(self.name, capture)
         return capture
+
+    def _stated(self, capture: cv2.VideoCapture) -> int:
+        """The number of frames that the header states, from the first one on, which was grabbed;
+        0 if it states none."""
+        count = stated_length(capture) or 0
+        if counts_from_zero(self.path):
+            count -= max(int(capture.get(cv2.CAP_PROP_PTS)), 0)
+        return max(count, 0)
 
     def _wants(self, number: int, time_s: float) -> bool:
         timely = time_s >= self.span.start_s and number % self.span.every == 0
