@@ -1,6 +1,7 @@
 """Frames, their sources, and image files as the simplest source."""
 
 import logging
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -133,7 +134,7 @@ def images_of(folder: Path, warn: Warn = _log.warning) -> Sequence[ImageFile | E
     """The images in a folder, sorted by name, numbers in names by value. Subfolders, hidden files
     and unfinished copies (`.part`) are ignored. warn: is told of films."""
     try:
-        named = [path for path in folder.iterdir() if _is_named(path.name)]
+        named = [path for path in folder.iterdir() if _is_candidate(path)]
     except OSError as error:
         return [EmptyFolder(folder, f"cannot be read ({error.strerror})")]
     files = sorted(filter(is_image, named), key=_numbers_by_value)
@@ -145,8 +146,9 @@ def images_of(folder: Path, warn: Warn = _log.warning) -> Sequence[ImageFile | E
     return [ImageFile(path) for path in files] or [EmptyFolder(folder, "holds no image")]
 
 
-def _is_named(name: str) -> bool:
-    return not name.startswith(".") and not name.endswith(".part")
+def _is_candidate(path: Path) -> bool:
+    hidden = path.name.startswith(".") or path.name.endswith(".part")
+    return not hidden and not os.path.isdir(path)  # never raises, as for links into closed folders
 
 
 def _numbers_by_value(path: Path) -> tuple[list[str | int], str]:

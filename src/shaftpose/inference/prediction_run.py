@@ -45,10 +45,11 @@ def _named(name: str, span: Span, warn: Warn) -> Iterable[Source]:
     if name.isdecimal():
         return [LiveStream(int(name))]
     scheme, separator, _ = name.partition("://")
-    if scheme == "file":
+    if scheme.lower() == "file" and separator:
         name = url2pathname(urlsplit(name).path)
     elif separator:
-        return [WebAddress(name, span) if scheme in ("http", "https") else LiveStream(name)]
+        on_web = scheme.lower() in ("http", "https")
+        return [WebAddress(name, span) if on_web else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
         return images_of(path, warn)
