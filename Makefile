@@ -78,7 +78,8 @@ bench-render: $(READY)  ## measure images/s, quality and memory of the renderer,
 bench-train: $(READY)  ## measure images/s of the network's step alone and of whole trainings
 	python -m benchmarks.training
 
-ui: $(READY)  ## serve mlflow.db at 127.0.0.1:5000 (a server in tracking.uri has its own pages)
+ui: $(READY)  ## serve mlflow.db, and print the addresses of its tables (a server in tracking.uri has its own pages)
+	@python -m shaftpose.tracking
 	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
 
 figures: $(READY)  ## draw the pictures of README and docs from the data and reports of `make repro`

@@ -33,7 +33,7 @@ def main(settings: Settings) -> None:
     write_json(settings.out / "metrics.json", result.headlines(name))
     write_json(settings.results / "evaluation.json", asdict(result))
     connect(settings.tracking.uri, settings.tracking.experiment)
-    log_results(training.training_id, name, result.metrics(), figures)
+    log_results(training.training_id, name, result.tracked(), figures)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def main(settings: Settings) -> None:
     write_json(settings.results / "silhouette.json", asdict(scores))
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id = read_training(settings.model_folder).training_id
-    log_results(training_id, settings.variant.name, scores.rates(), pictures)
+    log_results(training_id, settings.variant.name, scores.tracked(), pictures)
 
 
 if __name__ == "__main__":

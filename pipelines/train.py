@@ -27,8 +27,10 @@ def main(settings: Settings) -> None:
     ) -> AbstractContextManager[Logger]:
         connect(settings.tracking.uri, settings.tracking.experiment)
         dataset = locked_hashes(Path("dvc.lock"), Path("data")) | digests
-        name, sweep = settings.variant.name, settings.out.parent
-        return training_run(training_id, name, parameters, dataset, "data/render", sweep)
+        return training_run(
+            training_id, settings.variant.name, parameters, dataset, "data/render",
+            settings.out.parent, settings.overrides, settings,
+        )  # fmt: skip
 
     recipe, scratch = training_recipe(settings), Path("data/scratch")
     train(recipe, FOLDERS, scratch, settings.out, settings.profile, open_tracked_run)

@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_csv
 from shaftpose.figures.style import save_figure
+from shaftpose.sweeps.heat_maps import heat_map_figure, is_full_grid
+from shaftpose.sweeps.jobs import SweepJob, swept_parameters
+from shaftpose.sweeps.lines import line_figure
 from shaftpose.tracking.connection import connect
 from shaftpose.tracking.sweeps import sweep_runs
-from studies.sweep_heat_maps import heat_map_figure, is_full_grid
-from studies.sweep_jobs import SweepJob, swept_parameters
-from studies.sweep_lines import line_figure
 
 METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # Further columns of the table, whether swept or not.

@@ -8,9 +8,9 @@ from shaftpose.figures.variant_figures import FEWEST
 from shaftpose.report.ablation import AblationReport
 from shaftpose.report.page import blocks
 from shaftpose.settings.parsing import flatten
+from shaftpose.sweeps.jobs import NO_VALUE
 from studies.pages import rendered
 from studies.record import EvaluatedTraining
-from studies.sweep_jobs import NO_VALUE
 from studies.table import scale_tables
 
 Table = list[list[str]]  # the headings, then the cells line by line

@@ -60,5 +60,5 @@ def evaluation(title: str, training: TrainingRecord = TRAINING, **changed: Any) 
         raw=changed.pop("raw", accuracy()),
         refined=changed.pop("refined", None),
         validation={**METRICS, "mAP": 0.2, "tip_mm": None},
-        curves=[(1, "training/box", 1.0), (1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)],
+        curves=[(1, "train/box", 1.0), (1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)],
     )

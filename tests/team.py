@@ -39,7 +39,7 @@ def work(uri: str, model: Path, folder: Path) -> None:
     os.chdir(first)
     connect(uri, "trials")
     with training_run("id-1", "d", {"alpha": 1.5}, {"data/render": "aa"}, "data/render", first):
-        mlflow.log_metric("training/loss", 3.0)
+        mlflow.log_metric("train/loss", 3.0)
     log_results("id-1", "d", {"mAP": 0.5}, {})
     log_model("id-1", "d", model, np.zeros((1, 299, 299, 3), dtype=np.uint8))
     register("id-1")

@@ -27,6 +27,7 @@ FOLDERS = {
     "network": ("dataset", "refinement"),
     "training": ("dataset", "network", "metrics"),
     "tracking": (),
+    "sweeps": ("metrics", "figures", "tracking"),
     "inference": ("refinement", "figures", "tracking"),
     "evaluation": ("dataset", "metrics", "figures", "refinement", "inference"),
     "export": ("dataset", "network", "metrics", "refinement", "inference"),
@@ -42,7 +43,7 @@ OWNERS = {
     "distributed": ("src/shaftpose/farm/",),
     "dask_jobqueue": ("src/shaftpose/farm/cluster.py",),
     "mlflow": ("src/shaftpose/tracking/",),
-    "hydra": ("src/shaftpose/settings/", "src/shaftpose/tracking/sweep_callback.py"),
+    "hydra": ("src/shaftpose/settings/", "src/shaftpose/sweeps/callback.py"),
     "torch": tuple(
         f"src/shaftpose/{folder}/" for folder in ("dataset", "network", "training", "export")
     ),

@@ -40,7 +40,7 @@ RECEIVERS = {
     "evaluate": "evaluation/model_results.py",
 }
 # Paths, place of computation and tracking.
-FREE = {"out", "results", "model_folder", "tracking", "cluster", "variant.name"}
+FREE = {"overrides", "out", "results", "model_folder", "tracking", "cluster", "variant.name"}
 WITHOUT_EFFECT = {
     # Used only for validation metrics, and as a name.
     "train": {"detection", "profile"},

@@ -70,12 +70,18 @@ def test_the_data_card_describes_what_was_validated(finished: Path) -> None:
 
 def test_every_variant_is_tracked_with_model_and_metrics(finished: Path) -> None:
     mlflow.set_tracking_uri(f"sqlite:///{finished / 'mlflow.db'}")
-    runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    found = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    (parent,) = [run for run in found if "shaftpose.repro" in run.data.tags]
+    files = mlflow.MlflowClient().list_artifacts(parent.info.run_id)
+    assert {"ablation.html", "params.yaml"} == {one.path for one in files}
+    runs = [run for run in found if run is not parent]
     assert sorted(run.info.run_name for run in runs) == sorted([*VARIANTS, "detector"])
+    assert {run.data.tags["mlflow.parentRunId"] for run in runs} == {parent.info.run_id}
     for run in (run for run in runs if run.info.run_name in VARIANTS):
         assert run.data.params["loss.alpha"] == "1.5"
+        assert run.data.params["loss.beta.z_mm"] == "2.0"
         assert re.fullmatch(r"[0-9a-f]{32}(\.dir)?", run.data.tags["dataset.data/render"])
-        assert {"raw/mAP", "training/loss", "raw/rendered/clear/iou"} <= run.data.metrics.keys()
+        assert {"test/mAP", "train/loss", "test/rendered/clear/iou"} <= run.data.metrics.keys()
         assert any(name.startswith("system/") for name in run.data.metrics)
     client = mlflow.MlflowClient()
     assert client.get_registered_model("shaftpose").aliases.keys() == {"candidate"}
@@ -143,14 +149,18 @@ def test_experiments_are_compared_within_a_terminals_width(finished: Path, run: 
 
 
 def test_sweep_nests_its_runs_and_leaves_outputs_alone(finished: Path, run: Run) -> None:
-    result = run("python", "pipelines/train.py", "-m", "variant=c", "loss.alpha=0.5,2.0")
+    sweep = ["variant=c", "loss.alpha=0.5,2.0", "hydra.sweep.dir=sweeps/alpha"]
+    result = run("python", "pipelines/train.py", "-m", *sweep)
     assert result.returncode == 0, result.stderr[-3000:]
+    assert "at full length: python pipelines/train.py variant=c loss.alpha=" in result.stdout
+    assert (finished / "sweeps/alpha/sweep_lines.png").is_file()
     mlflow.set_tracking_uri(f"sqlite:///{finished / 'mlflow.db'}")
-    runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    runs = mlflow.search_runs(experiment_names=["shaftpose alpha"], output_format="list")
     parents = [run for run in runs if "shaftpose.sweep" in run.data.tags]
     assert len(parents) == 1
     children = [r for r in runs if r.data.tags.get("mlflow.parentRunId") == parents[0].info.run_id]
-    assert sorted(child.data.params["loss.alpha"] for child in children) == ["0.5", "2.0"]
+    names = ["c  alpha=0.5", "c  alpha=2.0"]
+    assert sorted(child.info.run_name for child in children) == names
     assert run("dvc", "status", "train@c").stdout.strip() == ("Data and pipelines are up to date.")
 
 

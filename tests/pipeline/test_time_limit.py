@@ -23,7 +23,7 @@ def test_a_training_without_time_takes_a_step_and_is_validated(
     assert checkpoint["global_step"] == 1
     with (tmp_path / "curves.csv").open(newline="") as stream:
         names = {row["name"] for row in csv.DictReader(stream)}
-    assert {"training/loss", "validation/loss", "validation/mAP"} <= names
+    assert {"train/loss", "validation/loss", "validation/mAP"} <= names
 
 
 def test_the_time_before_an_interruption_counts(inside: Path, tmp_path: Path) -> None:
@@ -43,4 +43,4 @@ def test_the_time_before_an_interruption_counts(inside: Path, tmp_path: Path) ->
     # The schedule is that of all steps; the second group of weights has the unscaled learning rate.
     assert resumed.module.total_steps == STEPS
     rate = resumed.module.learning_rate * resumed.module.learning_rate_factor(3)
-    assert curves[3, "lr-Muon/pg2"] == pytest.approx(rate)
+    assert curves[3, "train/learning_rate/pg2"] == pytest.approx(rate)

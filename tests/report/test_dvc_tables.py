@@ -13,7 +13,7 @@ from shaftpose.report.dvc_tables import write_dvc_tables
 from tests.evaluations import accuracy, evaluation
 
 FITTED = evaluation("E", refined=accuracy(mAP=0.75))
-OTHER = replace(evaluation("D"), curves=[(2, "validation/mAP", 0.5), (3, "training/box", 1.0)])
+OTHER = replace(evaluation("D"), curves=[(2, "validation/mAP", 0.5), (3, "train/box", 1.0)])
 
 
 def table(path: Path) -> list[list[str]]:

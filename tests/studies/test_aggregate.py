@@ -53,7 +53,7 @@ def record(
     real: str = "",
 ) -> EvaluatedTraining:
     bins = {name: [ErrorBin(0.0, 1.0, 2, 4.0, 6.0)] for name in BINS}
-    curves = [(9, "training/loss", 1.0), (9, "validation/mAP", 0.25)]
+    curves = [(9, "train/loss", 1.0), (9, "validation/mAP", 0.25)]
     recipe = {
         "size": {
             "steps": 3000, "batch_size": 16, "width": 0.25, "depth": 0.5,

@@ -7,11 +7,11 @@ import mlflow
 import pytest
 
 from shaftpose.core.errors import InputError
+from shaftpose.sweeps.jobs import SweepJob
 from shaftpose.tracking.sweeps import start_sweep
 from shaftpose.tracking.trainings import training_run
 from studies import draw_sweep
 from studies import write_results_page as results_page
-from studies.sweep_jobs import SweepJob
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,7 +23,7 @@ NOTHING_RIGHT = {"validation/mAP": 0.0}
 def sweep(store: Path) -> Path:
     """The folder of a sweep without trainings."""
     (store / "params.yaml").write_text("tracking: {uri: null, experiment: trials}\n")
-    start_sweep(store / "sweeps/today", "sweep")
+    start_sweep(store / "sweeps/today", "trials", {})
     return store / "sweeps/today"
 
 

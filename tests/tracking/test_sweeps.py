@@ -22,7 +22,7 @@ def training(
 
 def test_runs_of_a_sweep_are_nested(store: Path) -> None:
     folder = store / "sweeps" / "today"
-    start_sweep(folder, "sweep today")
+    start_sweep(folder, "trials", {})
     for number in range(2):
         with training(f"id-{number}", {}, folder):
             pass
@@ -37,7 +37,7 @@ def test_runs_of_a_sweep_are_nested(store: Path) -> None:
 def test_a_sweep_that_goes_on_keeps_its_parent_run(store: Path) -> None:
     folder = store / "sweeps" / "today"
     for name in ("id-1", "id-2", "id-2"):  # the second one was interrupted
-        start_sweep(folder, "sweep today")
+        start_sweep(folder, "trials", {})
         with training(name, {"job": name}, folder):
             pass
     assert len(sweep_runs(folder)) == 2
@@ -46,9 +46,9 @@ def test_a_sweep_that_goes_on_keeps_its_parent_run(store: Path) -> None:
 
 def test_a_sweep_gets_a_parent_run_where_the_database_lacks_it(store: Path) -> None:
     folder = store / "sweeps" / "today"
-    start_sweep(folder, "sweep today")
+    start_sweep(folder, "trials", {})
     connect(f"sqlite:///{store / 'other.db'}", "trials")
-    start_sweep(folder, "sweep today")
+    start_sweep(folder, "trials", {})
     with training("id-1", {}, folder):
         pass
     assert len(sweep_runs(folder)) == 1
@@ -56,13 +56,13 @@ def test_a_sweep_gets_a_parent_run_where_the_database_lacks_it(store: Path) -> N
 
 def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
     folder = store / "sweeps" / "today"
-    start_sweep(folder, "sweep today")
+    start_sweep(folder, "trials", {})
     with training("elsewhere", {"seed": 1}, store):
         pass
     for number, alpha in enumerate((0.5, 1.5)):
         parameters = {"loss": {"alpha": alpha}}
         with training(f"id-{number}", parameters, folder):
-            mlflow.log_metrics({"validation/mAP": 0.9, "training/box": 2.0}, step=2)
+            mlflow.log_metrics({"validation/mAP": 0.9, "train/box": 2.0}, step=2)
             mlflow.log_metrics({"validation/mAP": alpha / 10}, step=3)
     runs = sweep_runs(folder)
     assert [run.parameters for run in runs] == [{"loss.alpha": "0.5"}, {"loss.alpha": "1.5"}]
@@ -70,7 +70,7 @@ def test_trainings_of_a_sweep_are_found_from_its_folder(store: Path) -> None:
 
 
 def test_of_trainings_with_the_same_parameters_the_last_one_counts(store: Path) -> None:
-    start_sweep(store, "sweep")
+    start_sweep(store, "trials", {})
     for number, value in enumerate((0.25, 0.5)):  # in between, the code was changed
         with training(f"id-{number}", {"alpha": 0.5}, store):
             mlflow.log_metrics({"validation/mAP": value}, step=2)
@@ -78,7 +78,7 @@ def test_of_trainings_with_the_same_parameters_the_last_one_counts(store: Path) 
 
 
 def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> None:
-    start_sweep(store, "sweep")
+    start_sweep(store, "trials", {})
     with training("id-1", {}, store):
         mlflow.log_metrics({"validation/mAP": 0.5, "validation/tip_mm": 4.0}, step=2)
         mlflow.log_metrics({"validation/mAP": 0.0}, step=3)  # no correct detection any more
@@ -87,7 +87,7 @@ def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> No
 
 
 def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
-    start_sweep(store, "sweep")
+    start_sweep(store, "trials", {})
     with pytest.raises(RuntimeError), training("id-1", {"a": 1}, store):
         raise RuntimeError
     with training("id-2", {"a": 2}, store):
@@ -96,5 +96,5 @@ def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
 
 
 def test_a_folder_without_a_sweep_is_named(store: Path) -> None:
-    with pytest.raises(InputError, match=r"mlflow_parent\.txt: missing"):
+    with pytest.raises(InputError, match=r"mlflow_sweep\.json: missing"):
         sweep_runs(store)

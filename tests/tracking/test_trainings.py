@@ -11,7 +11,7 @@ def test_results_find_the_run_of_their_training(store: Path) -> None:
     with training_run(
         "id-1", "d", {"loss": {"alpha": 2}}, {"data/render": "aa"}, "data/render", store
     ):
-        mlflow.log_metric("training/loss", 3.0)
+        mlflow.log_metric("train/loss", 3.0)
     picture = store / "picture.txt"
     picture.write_text("x")
     log_results("id-1", "d", {"mAP": 0.5, "fps": None}, {"picture": picture})
@@ -32,3 +32,15 @@ def test_results_without_a_run_get_one(store: Path) -> None:
     (run,) = mlflow.search_runs(experiment_names=["trials"], output_format="list")
     assert run.info.run_name == "c"
     assert {"mAP", "iou"} <= run.data.metrics.keys()
+
+
+def test_a_runs_duration_is_that_of_its_training(store: Path) -> None:
+    with training_run("id-1", "d", {}, {}, "data/render", store, settings={"seed": 7}):
+        pass
+    (before,) = mlflow.search_runs(output_format="list")
+    log_results("id-1", "d", {"test": {"mAP": 0.5}}, {})
+    (after,) = mlflow.search_runs(output_format="list")
+    assert after.info.end_time == before.info.end_time
+    assert after.info.status == "FINISHED"
+    assert after.data.metrics["test/mAP"] == 0.5
+    assert mlflow.artifacts.load_text(f"{after.info.artifact_uri}/settings.yaml") == "seed: 7\n"

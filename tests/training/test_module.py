@@ -145,7 +145,7 @@ def test_training_logs_saves_and_loads(
     module: ShaftModule, trainer: Trainer, tmp_path: Path
 ) -> None:
     trainer.fit(module, loader(2), loader(1))
-    assert {"training/loss", "training/pose", "validation/loss"} <= trainer.callback_metrics.keys()
+    assert {"train/loss", "train/pose", "validation/loss"} <= trainer.callback_metrics.keys()
     # After two of four warm-up steps the next factor is 3 / 4.
     assert trainer.optimizers[0].param_groups[0]["lr"] == pytest.approx(1e-3 * 3 / 4)
     path = tmp_path / "last.ckpt"

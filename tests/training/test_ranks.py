@@ -24,5 +24,5 @@ def test_two_processes_train_like_one(tmp_path: Path) -> None:
     found = {(step, name): value for step, name, value in seen["rows"]}
     known = {(step, name): value for step, name, value in expected["rows"]}
     assert found.keys() == known.keys()
-    assert {name for _, name in known} >= {"training/loss", "training/matched", "validation/loss"}
+    assert {name for _, name in known} >= {"train/loss", "train/matched", "validation/loss"}
     assert found == pytest.approx(known, rel=1e-3)

@@ -52,9 +52,9 @@ class Evaluation:
         """Accuracy of `raw` and, if there are any, of `refined` poses."""
         return {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
 
-    def metrics(self) -> dict[str, MetricValues]:
-        """Metrics by kind of poses."""
-        return {kind: accuracy.metrics for kind, accuracy in self.by_kind.items()}
+    def tracked(self) -> dict[str, Any]:
+        """The metrics of a tracked run: see `tracked`."""
+        return tracked({kind: accuracy.metrics for kind, accuracy in self.by_kind.items()})
 
     def headlines(self, name: str) -> MetricValues:
         """The metrics for DVC's tables, of refined poses if there are any, as `name/mAP`."""
@@ -78,13 +78,25 @@ class Silhouettes:
         """Scores of `raw` and, if there are any, of `refined` poses."""
         return {"raw": self.raw} | ({"refined": self.refined} if self.refined else {})
 
-    def rates(self) -> dict[str, dict[str, MetricValues]]:
-        """The metrics of Table II by kind of poses and set of images."""
+    def tracked(self) -> dict[str, Any]:
+        """The metrics of Table II of a tracked run, by set of images: see `tracked`."""
         names = [metric.name for metric in metrics_named("detected_rate", "iou")]
-        return {
-            kind: {
-                images: {name: getattr(score, name) for name in names}
-                for images, score in scores.items()
+        return tracked(
+            {
+                kind: {
+                    images: {name: getattr(score, name) for name in names}
+                    for images, score in scores.items()
+                }
+                for kind, scores in self.by_kind.items()
             }
-            for kind, scores in self.by_kind.items()
-        }
+        )
+
+
+def tracked(by_kind: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Values as `test/mAP`, so that all variants have them under one name.
+
+    They are those of refined poses if there are any; raw ones are then `test/raw/mAP`.
+    """
+    if "refined" not in by_kind:
+        return {"test": by_kind["raw"]}
+    return {"test": {**by_kind["refined"], "raw": by_kind["raw"]}}

@@ -1,10 +1,10 @@
 """The choice of the best variant, and what the model registry says of it."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from shaftpose.evaluation.results import Evaluation
+from shaftpose.metrics.best import best_of
 from shaftpose.metrics.table import MetricValues
 from shaftpose.settings.tree import Settings
 
@@ -31,18 +31,6 @@ def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Cha
         f"{margin:g} of the best, both on the validation images, where it has "
         + ", ".join(f"{name} {value:.3g}" for name, value in _merits(validation[chosen]).items()),
     )
-
-
-def best_of(validation: Mapping[str, MetricValues], margin: float) -> str:
-    """The name with the lowest tip error among those whose mAP is within `margin` of the best.
-
-    Whoever detected no instrument has no tip error and comes last; of equals, the first is taken.
-    """
-    precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
-    close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
-    tips = {name: validation[name].get("tip_mm") for name in close}
-    far = {name: math.inf if tip is None else tip for name, tip in tips.items()}
-    return min(close, key=far.__getitem__)
 
 
 def _merits(validation: MetricValues) -> dict[str, float]:

@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 # Logged values that the report draws.
 LEARNING_CURVES = (
-    *(f"{phase}/{term}" for phase in ("training", "validation")
+    *(f"{phase}/{term}" for phase in ("train", "validation")
       for term in ("confidence", "box", "pose")),
     "validation/mAP", "validation/detected_rate", "validation/tip_mm",
 )  # fmt: skip

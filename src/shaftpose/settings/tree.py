@@ -64,6 +64,7 @@ class Settings:
     size: RunSize
     trainer: TrainerSettings
     variant: Variant
+    overrides: tuple[str, ...]
     out: Path
     results: Path
     model_folder: Path

@@ -12,6 +12,7 @@ from filelock import FileLock
 from mlflow.exceptions import MlflowException
 
 from shaftpose.core.errors import InputError
+from shaftpose.tracking.views import KIND, WEIGHTS, results, view_tag
 
 _ANSWER_S = 10.0
 
@@ -31,7 +32,8 @@ def connect(uri: str | None, experiment: str) -> None:
     try:
         with FileLock(root / ".mlflow.lock"):
             if mlflow.get_experiment_by_name(experiment) is None:
-                mlflow.create_experiment(experiment, artifact_location=location)
+                tags = KIND | view_tag([*results("test"), *WEIGHTS])
+                mlflow.create_experiment(experiment, artifact_location=location, tags=tags)
             mlflow.set_experiment(experiment)
     except (MlflowException, OSError, ImportError) as error:
         raise InputError(

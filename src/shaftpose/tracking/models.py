@@ -13,7 +13,7 @@ from mlflow.models import infer_signature
 
 from shaftpose.core.errors import InputError
 from shaftpose.tracking.connection import select_store, workspace
-from shaftpose.tracking.trainings import run_of
+from shaftpose.tracking.trainings import reopened_run
 
 
 def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> None:
@@ -26,7 +26,7 @@ def log_model(training_id: str, name: str, model: Path, example: np.ndarray) -> 
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
     outputs = dict(zip(names, session.run(None, {"image": example}), strict=True))
-    with mlflow.start_run(run_id=run_of(training_id, name)):
+    with reopened_run(training_id, name):
         mlflow.onnx.log_model(
             onnx.load(str(model)),
             name="model",

@@ -9,6 +9,7 @@ from mlflow.entities import LoggedModelStatus
 from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
 
+from shaftpose.tracking.parents import EXPERIMENT
 from shaftpose.tracking.trainings import run_of
 
 logger = logging.getLogger(__name__)
@@ -16,7 +17,6 @@ logger = logging.getLogger(__name__)
 MODEL_NAME = "shaftpose"
 CHAMPION, CANDIDATE = "champion", "candidate"
 TRIAL = "smoke"  # the profile that learns nothing
-EXPERIMENT = "DVC_EXP_NAME"  # set by `dvc exp run`
 
 Tags = Mapping[str, str]
 

@@ -1,5 +1,8 @@
-"""A sweep: one MLflow run with the runs of its trainings nested in it."""
+"""A sweep: an MLflow experiment of its own, where the runs of its trainings have one parent."""
 
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -7,33 +10,53 @@ import mlflow
 from mlflow.entities import Run, RunStatus
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_json
+from shaftpose.stage_files import read_stage_file
+from shaftpose.tracking.views import results, view_tag
 
-_PARENT_FILE = "mlflow_parent.txt"
+_RECORD = "mlflow_sweep.json"
+OVERRIDES_TAG = "shaftpose.overrides"
 
 
-def start_sweep(folder: Path, name: str) -> None:
-    """Create the parent run of a sweep and record it in the sweep's folder.
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep's record in its folder.
 
-    Call it before the jobs start. A resumed sweep keeps its parent run if the database holds it.
+    run_id: of the parent run; experiment: its name; swept: the keys that have several values.
     """
-    known = read_parent(folder)
-    if known is not None and _is_in_database(known):
+
+    run_id: str
+    experiment: str
+    swept: tuple[str, ...]
+
+
+def start_sweep(folder: Path, experiment: str, overrides: Mapping[str, str]) -> None:
+    """Create the parent run of a sweep, and record the sweep in its folder.
+
+    experiment: the present one, see `connect`. overrides: the swept keys with their values. Call it
+    before the jobs start. A resumed sweep keeps its parent run if the database holds it.
+    """
+    known = read_sweep(folder)
+    if known is not None and _is_in_database(known.run_id):
         return
-    with mlflow.start_run(run_name=name) as run:
+    with mlflow.start_run(run_name=f"sweep {folder.name}") as run:
         mlflow.set_tag("shaftpose.sweep", str(folder))
+        mlflow.log_params(overrides)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / _PARENT_FILE).write_text(run.info.run_id)
+    write_json(folder / _RECORD, asdict(Sweep(run.info.run_id, experiment, tuple(overrides))))
 
 
 class SweepRun(NamedTuple):
     """A training of a sweep.
 
-    run_id: MLflow's. steps: up to the last validation. metrics: of that validation, such as
-    `validation/mAP`.
+    run_id, name: MLflow's. overrides: of its command line. steps: up to the last validation.
+    metrics: of that validation, such as `validation/mAP`.
     """
 
     run_id: str
+    name: str
     finished: bool
+    overrides: Sequence[str]
     parameters: dict[str, str]
     steps: int
     metrics: dict[str, float]
@@ -46,20 +69,28 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
     its jobs again if code or data have changed. Raises InputError if no sweep was tracked from
     `folder`.
     """
-    parent = read_parent(folder)
-    if parent is None:
-        raise InputError(f"{folder / _PARENT_FILE}: missing; name the folder of a Hydra sweep")
+    sweep = read_sweep(folder)
+    if sweep is None:
+        raise InputError(f"{folder / _RECORD}: missing; name the folder of a Hydra sweep")
     found: list[Run] = mlflow.search_runs(
-        filter_string=f"tags.`mlflow.parentRunId` = '{parent}'",
+        experiment_names=[sweep.experiment],
+        filter_string=f"tags.`mlflow.parentRunId` = '{sweep.run_id}'",
         order_by=["attributes.start_time ASC"],
         output_format="list",
     )
-    finished = RunStatus.to_string(RunStatus.FINISHED)
     latest = {frozenset(run.data.params.items()): run for run in found}
-    return [
-        SweepRun(run.info.run_id, run.info.status == finished, run.data.params, *_validation(run))
-        for run in latest.values()
-    ]
+    return [_sweep_run(run) for run in latest.values()]
+
+
+def _sweep_run(run: Run) -> SweepRun:
+    return SweepRun(
+        run.info.run_id,
+        run.info.run_name,
+        run.info.status == RunStatus.to_string(RunStatus.FINISHED),
+        shlex.split(run.data.tags.get(OVERRIDES_TAG, "")),
+        run.data.params,
+        *_validation(run),
+    )
 
 
 def _validation(run: Run) -> tuple[int, dict[str, float]]:
@@ -74,10 +105,35 @@ def _validation(run: Run) -> tuple[int, dict[str, float]]:
     return last + 1, {point.key: point.value for point in logged if point.step == last}
 
 
-def read_parent(folder: Path) -> str | None:
-    """The id of the run that `start_sweep` recorded in a folder, None if it did not."""
-    note = folder / _PARENT_FILE
-    return note.read_text() if note.is_file() else None
+def add_summary(
+    sweep: Sweep,
+    runs: Sequence[SweepRun],
+    best: SweepRun,
+    parameters: Sequence[str],
+    command: str,
+    files: Sequence[Path],
+) -> None:
+    """Add a summary to the parent run, and save the view in which MLflow's page shows the sweep.
+
+    parameters: those that differ; command: trains the best run at full length.
+    """
+    client = mlflow.MlflowClient()
+    for run in runs:
+        client.set_tag(run.run_id, "best", "best" if run is best else "")
+    client.set_tag(sweep.run_id, "best", best.name)
+    client.set_tag(sweep.run_id, "mlflow.note.content", f"Best: {best.name}\n\n`{command}`")
+    for path in files:
+        client.log_artifact(sweep.run_id, str(path))
+    columns = ["tags.`best`", *results("validation"), *(f"params.`{p}`" for p in parameters)]
+    experiment = client.get_run(sweep.run_id).info.experiment_id
+    for key, value in view_tag(columns, expanded=sweep.run_id).items():
+        client.set_experiment_tag(experiment, key, value)
+
+
+def read_sweep(folder: Path) -> Sweep | None:
+    """The sweep that `start_sweep` recorded in a folder, None if it did not."""
+    path = folder / _RECORD
+    return read_stage_file(path, Sweep, "name another folder") if path.is_file() else None
 
 
 def _is_in_database(run_id: str) -> bool:

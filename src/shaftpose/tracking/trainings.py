@@ -1,6 +1,7 @@
 """The MLflow run of a training: its parameters, data, metrics and figures."""
 
-from collections.abc import Iterator, Mapping
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,9 @@ from mlflow.data.code_dataset_source import CodeDatasetSource
 from mlflow.data.meta_dataset import MetaDataset
 from mlflow.entities import Run
 
-from shaftpose.settings.parsing import flatten
-from shaftpose.tracking.sweeps import read_parent
+from shaftpose.settings.parsing import as_plain, flatten
+from shaftpose.tracking.parents import repro_run, run_name
+from shaftpose.tracking.sweeps import OVERRIDES_TAG, read_sweep
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import MLFlowLogger
@@ -22,31 +24,38 @@ TRAINING_TAG = "shaftpose.training"
 @contextmanager
 def training_run(
     training_id: str,
-    name: str,
+    variant: str,
     parameters: Mapping[str, Any],
     dataset: Mapping[str, str],
     images: str,
     sweep_folder: Path,
+    overrides: Sequence[str] = (),
+    settings: object = None,
 ) -> "Iterator[MLFlowLogger]":
     """Open the MLflow run of one training, with system metrics; yield Lightning's logger for it.
 
     A resumed training continues its run. parameters: nested, logged flat. dataset: name -> digest
     of the training's data; images: the name of its training images. sweep_folder: the run is
-    nested in the sweep's run if `start_sweep` was called for this folder.
+    nested in the sweep's run if `start_sweep` was called for this folder, else in that of its
+    `dvc repro`. overrides: of the command line; settings: all resolved ones, kept as a file.
     """
     from lightning.pytorch.loggers import MLFlowLogger  # slow to import; only trainings need it
 
-    parent, known = read_parent(sweep_folder), _find_run(training_id)
+    sweep = read_sweep(sweep_folder)
+    if sweep is not None:
+        mlflow.set_experiment(sweep.experiment)
+    parent, known = sweep.run_id if sweep else repro_run(), _find_run(training_id)
     with mlflow.start_run(
         run_id=known,
-        run_name=name,
+        run_name=run_name(variant, overrides, sweep.swept if sweep else ()),
         parent_run_id=parent,
         nested=parent is not None,
-        tags={TRAINING_TAG: training_id},
+        tags={TRAINING_TAG: training_id, OVERRIDES_TAG: shlex.join(overrides)},
         log_system_metrics=True,
     ) as run:
         if known is None:
             _log_inputs(parameters, dataset, images)
+            mlflow.log_dict(as_plain(settings), "settings.yaml")
         yield MLFlowLogger(
             experiment_name=mlflow.get_experiment(run.info.experiment_id).name,
             tracking_uri=mlflow.get_tracking_uri(),
@@ -67,14 +76,27 @@ def log_results(
 ) -> None:
     """Add test metrics and figures (title -> file) to a training's run.
 
-    metrics: nested, logged as `raw/mAP`; None is skipped.
+    metrics: nested, logged as `test/mAP`; None is skipped.
     """
     flat = flatten(metrics, "/")
     known = {key: float(value) for key, value in flat.items() if value is not None}
-    with mlflow.start_run(run_id=run_of(training_id, name)):
+    with reopened_run(training_id, name):
         mlflow.log_metrics(known)
         for path in figures.values():
             mlflow.log_artifact(str(path), "figures")
+
+
+@contextmanager
+def reopened_run(training_id: str, name: str) -> Iterator[None]:
+    """Make the run of a finished training the active one.
+
+    Its end stays that of the training, so that MLflow shows how long the training took.
+    """
+    client, run_id = mlflow.MlflowClient(), run_of(training_id, name)
+    end = client.get_run(run_id).info.end_time
+    with mlflow.start_run(run_id=run_id):
+        yield
+    client.set_terminated(run_id, end_time=end)
 
 
 def run_of(training_id: str, name: str) -> str:
@@ -89,6 +111,8 @@ def run_of(training_id: str, name: str) -> str:
 
 def _find_run(training_id: str) -> str | None:
     found: list[Run] = mlflow.search_runs(
-        filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'", output_format="list"
+        filter_string=f"tags.`{TRAINING_TAG}` = '{training_id}'",
+        search_all_experiments=True,
+        output_format="list",
     )
     return str(found[0].info.run_id) if found else None

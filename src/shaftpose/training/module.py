@@ -72,7 +72,7 @@ class ShaftModule(LightningModule):
         terms = self.network.loss_terms(self._outputs(batch), batch.targets)
         whole = of_all_ranks(terms)
         self._check_finite("loss", whole["loss"])
-        self._log_terms("training", whole, len(batch.images))
+        self._log_terms("train", whole, len(batch.images))
         return terms["loss"]
 
     def on_before_optimizer_step(self, optimizer: torch.optim.Optimizer) -> None:
@@ -107,7 +107,11 @@ class ShaftModule(LightningModule):
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, self.learning_rate_factor)
         return {
             "optimizer": optimizer,
-            "lr_scheduler": {"scheduler": scheduler, "interval": "step"},
+            "lr_scheduler": {
+                "scheduler": scheduler,
+                "interval": "step",
+                "name": "train/learning_rate",
+            },  # fmt: skip
         }
 
     def _optimizer(self, fused: bool) -> torch.optim.Optimizer:

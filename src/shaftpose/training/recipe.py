@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import torch
 
+from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.schema import (
     CameraSettings,
@@ -88,8 +89,10 @@ class Recipe:
         }
 
     def parameters(self) -> dict[str, Any]:
-        """The settings by which a tracked run is found."""
-        return self.fingerprint_fields() | self.comparison_key()
+        """The settings by which a tracked run is found; beta's parts have a name each."""
+        beta = dict(zip(POSE_DIMENSIONS, self.loss.beta, strict=True))
+        weights = {"alpha": self.loss.alpha, "gamma": self.loss.gamma, "beta": beta}
+        return self.fingerprint_fields() | self.comparison_key() | {"loss": weights}
 
 
 def without(names: Set[str], settings: object) -> dict[str, Any]:

@@ -25,11 +25,14 @@ class SweepJob:
 def swept_parameters(jobs: Sequence[SweepJob]) -> list[str]:
     """The names of the parameters that differ between jobs.
 
-    Parameters of the variant's file that follow from its name are left out.
+    Parameters of the variant's file that follow from its name or repeat another one are left out.
     """
     names = sorted({name for job in jobs for name in job.parameters})
     swept = [name for name in names if len({job.parameters.get(name) for job in jobs}) > 1]
-    return [n for n in swept if not (n.startswith("variant.") and _follows(jobs, n))]
+    own = [n for n in swept if not (n.startswith("variant.") and _follows(jobs, n))]
+    return [
+        n for n in own if n == n.removeprefix("variant.") or n.removeprefix("variant.") not in own
+    ]
 
 
 def _follows(jobs: Sequence[SweepJob], name: str) -> bool:

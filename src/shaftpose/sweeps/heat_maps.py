@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from shaftpose.figures.style import GRID, INK, finish, new_figure
 from shaftpose.metrics.table import metrics_named
-from studies.sweep_jobs import (
+from shaftpose.sweeps.jobs import (
     SweepJob,
     in_order,
     shortened,

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from studies.sweep_jobs import SweepJob, swept_parameters
-from studies.sweep_lines import line_figure
+from shaftpose.sweeps.jobs import SweepJob, swept_parameters
+from shaftpose.sweeps.lines import line_figure
 
 JOBS = [
     SweepJob({"loss.alpha": alpha, "loss.gamma": gamma, "seed": "7"}, {"mAP": m, "tip_mm": tip})
@@ -32,6 +32,11 @@ def test_of_a_variant_its_name_stands_for_the_rest_of_its_file() -> None:
     several = [job("c", "0"), job("d", "5"), job("d", "9")]
     assert swept_parameters(several) == ["seed", "variant.name", "variant.noise"]
     assert swept_parameters(several[1:]) == ["seed", "variant.noise"]
+
+
+def test_what_a_variants_file_takes_from_elsewhere_is_named_once() -> None:
+    jobs = [SweepJob({"loss.alpha": a, "variant.loss.alpha": a}, {}) for a in ("1", "2")]
+    assert swept_parameters(jobs) == ["loss.alpha"]
 
 
 def test_lines_pass_the_axes_where_their_values_are() -> None:

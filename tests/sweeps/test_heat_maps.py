@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from studies.sweep_heat_maps import heat_map_figure
-from studies.sweep_jobs import SweepJob
+from shaftpose.sweeps.heat_maps import heat_map_figure
+from shaftpose.sweeps.jobs import SweepJob
 
 METRICS = ["mAP", "tip_mm", "axis_deg"]
 # Sorted neither by value nor as a table.

@@ -9,7 +9,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from shaftpose.figures.style import GRID, INK, new_figure
-from studies.sweep_jobs import (
+from shaftpose.sweeps.jobs import (
     NO_VALUE,
     SweepJob,
     in_order,

@@ -1,0 +1,18 @@
+"""The rule by which models are compared: precision first, then the tip."""
+
+import math
+from collections.abc import Mapping
+
+from shaftpose.metrics.table import MetricValues
+
+
+def best_of(validation: Mapping[str, MetricValues], margin: float) -> str:
+    """The name with the lowest tip error among those whose mAP is within `margin` of the best.
+
+    Whoever detected no instrument has no tip error and comes last; of equals, the first is taken.
+    """
+    precision = {name: values.get("mAP") or 0.0 for name, values in validation.items()}
+    close = [n for n, value in precision.items() if value >= max(precision.values()) - margin]
+    tips = {name: validation[name].get("tip_mm") for name in close}
+    far = {name: math.inf if tip is None else tip for name, tip in tips.items()}
+    return min(close, key=far.__getitem__)

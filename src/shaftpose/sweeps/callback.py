@@ -1,0 +1,36 @@
+"""Hydra's callback that tracks a sweep (multirun) in MLflow and summarises it."""
+
+from pathlib import Path
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig
+
+
+class SweepTracking(Callback):
+    """Opens the parent run before any job of a sweep starts, and adds a summary at its end."""
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Create database, experiment and parent run."""
+        # Hydra loads this module in every stage, but MLflow is slow to import.
+        from shaftpose.tracking.connection import connect
+        from shaftpose.tracking.sweeps import start_sweep
+
+        folder = Path(config.hydra.sweep.dir).resolve()
+        experiment = f"{config.tracking.experiment} {folder.name}"
+        connect(config.tracking.uri, experiment)
+        start_sweep(folder, experiment, swept(config.hydra.overrides.task))
+
+    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
+        """Print the jobs' table, and add it to the parent run."""
+        from shaftpose.sweeps.summary import summarise
+
+        summarise(Path(config.hydra.sweep.dir).resolve(), config.report.champion_margin)
+
+
+def swept(overrides: list[str]) -> dict[str, str]:
+    """The keys of a command line that have several values, and these."""
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    pairs = (one.input_line.partition("=") for one in parsed if one.is_sweep_override())
+    return {key.lstrip("+"): values for key, _, values in pairs}

@@ -1,0 +1,95 @@
+"""The summary of a sweep: its jobs' settings and metrics, and which is the best."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from shaftpose.core.files import write_csv
+from shaftpose.core.text import aligned
+from shaftpose.figures.style import save_figure
+from shaftpose.metrics.best import best_of
+from shaftpose.metrics.table import MetricValues, metrics_named
+from shaftpose.sweeps.heat_maps import heat_map_figure, is_full_grid
+from shaftpose.sweeps.jobs import SweepJob, swept_parameters
+from shaftpose.sweeps.lines import line_figure
+from shaftpose.tracking.sweeps import SweepRun, add_summary, read_sweep, sweep_runs
+from shaftpose.tracking.views import view_link
+
+PHASE = "validation"
+SHOWN = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
+DRAWN = tuple(f"{PHASE}/{name}" for name in ("mAP", "tip_mm", "axis_deg"))
+
+
+def summarise(folder: Path, margin: float) -> None:
+    """Print the finished jobs, write `sweep.csv` and pictures to `folder`, and track them.
+
+    margin: in mAP, within which the tip decides, see `best_of`. Prints nothing without a job.
+    """
+    runs = [run for run in sweep_runs(folder) if run.finished and run.metrics]
+    sweep = read_sweep(folder)
+    if not runs or sweep is None:
+        return
+    best = best_run(runs, margin)
+    names, rows = table(runs, best)
+    write_csv(folder / "sweep.csv", names, rows)
+    files = [folder / "sweep.csv", *draw(runs, folder)]
+    command = full_training(best)
+    add_summary(sweep, runs, best, tuple(names[1 : -len(SHOWN)]), command, files)
+    print(f"{aligned(names, rows)}\n")
+    print(f"best: lowest tip error where mAP is within {margin:g} of the highest")
+    print(f"at full length: {command}")
+    print(f"figures: {', '.join(str(path) for path in files[1:])}")
+    print(f"MLflow: {view_link(sweep.experiment)} (make ui)")
+
+
+def best_run(runs: Sequence[SweepRun], margin: float) -> SweepRun:
+    """The best of some runs by their validation metrics."""
+    return {run.run_id: run for run in runs}[
+        best_of({run.run_id: validation(run) for run in runs}, margin)
+    ]
+
+
+def validation(run: SweepRun) -> MetricValues:
+    """The metrics of a run's last validation, without prefix."""
+    return {name.removeprefix(f"{PHASE}/"): value for name, value in run.metrics.items()}
+
+
+def table(runs: Sequence[SweepRun], best: SweepRun) -> tuple[list[str], list[list[str]]]:
+    """Headings and cells: the best run is marked, the others follow by mAP."""
+    swept = swept_parameters([SweepJob(run.parameters, {}) for run in runs])
+    ordered = sorted(runs, key=lambda run: (run is not best, -run.metrics.get(DRAWN[0], 0.0)))
+    rows = [
+        [
+            "best" if run is best else "",
+            *(run.parameters.get(name, "") for name in swept),
+            *_cells(validation(run)),
+        ]
+        for run in ordered
+    ]
+    return ["", *swept, *(metric.name for metric in SHOWN)], rows
+
+
+def _cells(values: Mapping[str, float | int | None]) -> list[str]:
+    known = ((values.get(metric.name), metric.digits) for metric in SHOWN)
+    return ["n/a" if value is None else f"{value:.{digits}f}" for value, digits in known]
+
+
+def full_training(best: SweepRun) -> str:
+    """The command that repeats a run with its profile's own sizes, outside of the sweep."""
+    kept = [one for one in best.overrides if not one.startswith(("profiles.", "hydra"))]
+    return shlex.join(["python", "pipelines/train.py", *kept])
+
+
+def draw(runs: Sequence[SweepRun], folder: Path) -> list[Path]:
+    """Draw parallel coordinates and, of a full grid of two settings, heat maps."""
+    jobs = [SweepJob(run.parameters, run.metrics, run.steps) for run in runs]
+    figures: dict[str, Figure] = {}
+    if swept_parameters(jobs):
+        figures["sweep_lines.png"] = line_figure(jobs, DRAWN)
+    if is_full_grid(jobs):
+        figures["sweep_maps.png"] = heat_map_figure(jobs, DRAWN)
+    for name, figure in figures.items():
+        save_figure(figure, folder / name)
+    return [folder / name for name in figures]

@@ -1,0 +1,7 @@
+"""Text for a terminal."""
+
+from shaftpose.core.text import aligned
+
+
+def test_columns_are_as_wide_as_their_longest_cell() -> None:
+    assert aligned(["a", "long"], [["wide", "1"], ["b", ""]]) == "a     long\nwide  1\nb"
