@@ -23,11 +23,10 @@ def main(settings: Settings) -> None:
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
     keys, validation = (read_keys(Path("data/split"), part) for part in ("test", "validation"))
     predictors = raw_and_refined_predictors(model / "model.onnx", detection.refine)
-    stated = detection.confidence_threshold
-    results = [
-        ModelResults(one, images, keys, confidence_threshold(stated, one)) for one in predictors
-    ]
-    figures = results[-1].write_figures(settings.out / "figures", name)
+    thresholds = [confidence_threshold(detection.confidence_threshold, one) for one in predictors]
+    results = [ModelResults(*one, images, keys) for one in zip(predictors, thresholds, strict=True)]
+    strip = settings.results / "predictions.jpg"
+    figures = results[-1].write_figures(settings.out / "figures", name, strip)
     curves = read_curves(model / "curves.csv")
     result = evaluation(settings, training, curves, validation, *results)
     write_json(settings.out / "metrics.json", result.headlines(name))

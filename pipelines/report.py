@@ -1,17 +1,17 @@
 """Stage `report`: all variants next to the paper's tables; the best one is registered."""
 
-from functools import partial
 from pathlib import Path
 
 from shaftpose.report import writing
 from shaftpose.report.ablation import AblationReport
-from shaftpose.report.champion import choose_champion, is_better, version_tags
+from shaftpose.report.champion import candidate, choose_champion
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
 from shaftpose.stage_files import read_domain
 from shaftpose.tracking.connection import connect
 from shaftpose.tracking.parents import log_report
 from shaftpose.tracking.registry import register_candidate
+from shaftpose.tracking.trainings import training_link
 
 RESULTS, SPLIT, IMAGES = Path("data/results"), Path("data/split"), Path("data/render/images")
 
@@ -27,13 +27,12 @@ def main(settings: Settings) -> None:
         champion=choose_champion(evaluations, settings.report.champion_margin),
         profile=settings.profile,
     )
-    writing.write_report(report, evaluations, settings.out)
-    best, evaluation = report.champion, evaluations[report.champion.variant]
-    tags, training_id = version_tags(settings, evaluation), evaluation.training.training_id
     connect(settings.tracking.uri, settings.tracking.experiment)
+    links = {n: training_link(one.training.training_id) for n, one in evaluations.items()}
+    results = {name: RESULTS / name for name in evaluations}
+    writing.write_report(report, evaluations, links, results, settings.out)
     log_report(settings.out / "ablation.html")
-    better = partial(is_better, tags, margin=settings.report.champion_margin)
-    register_candidate(training_id, best.variant, best.rule, tags, better)
+    register_candidate(*candidate(report.champion, evaluations, settings))
 
 
 if __name__ == "__main__":

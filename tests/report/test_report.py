@@ -24,6 +24,7 @@ from shaftpose.report.champion import Champion
 from shaftpose.report.page import to_json, to_markdown
 
 METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}
+LINKS = {"D": "http://127.0.0.1:5000/#/experiments/1/runs/ab"}
 RULE = "The lowest mean tip error on the validation images."
 
 
@@ -56,7 +57,7 @@ def to_html(report: AblationReport) -> str:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "figure.png"
         save_figure(Figure(figsize=(1, 1)), path)
-        return texts.to_html(report, {"Curves": path})
+        return texts.to_html(report, {"Curves": path}, {"D": path}, LINKS)
 
 
 def markdown_line(text: str, start: str) -> list[str]:
@@ -234,14 +235,41 @@ def test_an_unclear_domain_is_refused(report: AblationReport):
 
 def test_html_needs_no_other_file(report: AblationReport):
     page = to_html(report)
-    assert not re.search(r"https?://|<script|<link|@import|url\(", page)
+    assert not re.search(r"<script|<link|@import|url\(", page)
+    assert re.findall(r"https?://[^\"]+", page) == re.findall('<a href="([^"]+)"', page)
     sources = re.findall(r'src="([^"]*)"', page)
-    assert len(sources) == 1 and sources[0].startswith("data:image/png;base64,iVBORw0KGgo")
+    assert len(sources) == 2  # a row of predictions and a figure
+    assert all(source.startswith("data:image/png;base64,iVBORw0KGgo") for source in sources)
+
+
+def test_the_page_leads_to_the_runs_in_mlflow(report: AblationReport):
+    assert f'<a href="{LINKS["D"]}">D</a>' in to_html(report)
+
+
+def test_rows_say_their_weights_and_what_else_differs(report: AblationReport):
+    loss = {"loss.alpha": 1.5, "loss.gamma": 5.0, "loss.beta": [1.0, 1.0, 2.0, 2.0, 2.0]}
+    settings = (
+        loss | {"noise": 0, "start": True},
+        loss | {"noise": 10, "start": True},
+        {"noise": 0},
+    )
+    rows = [replace(one, settings=s) for one, s in zip(report.rows[:3], settings, strict=True)]
+    text = to_markdown(replace(report, rows=[*rows, replace(rows[0], refined=True)]))
+    section = text.partition("## What differs")[2].partition("## Table I")[0]
+    table = [line.strip("| ").split(" | ") for line in section.splitlines() if "|" in line]
+    assert table == [
+        ["Variant", "alpha", "gamma", "beta", "noise", "start"],
+        ["---"] * 6,
+        ["C", "1.5", "5", "1, 1, 2, 2, 2", "0", "True"],
+        ["D", "1.5", "5", "1, 1, 2, 2, 2", "10", "True"],
+        ["D + noise", "n/a", "n/a", "n/a", "0", "n/a"],
+    ]
+    assert "What differs" not in to_markdown(report)
 
 
 def test_a_missing_figure_is_named(report: AblationReport):
     with pytest.raises(InputError, match="nowhere/curves.png"):
-        texts.to_html(report, {"Curves": Path("nowhere/curves.png")})
+        texts.to_html(report, {"Curves": Path("nowhere/curves.png")}, {}, {})
 
 
 def test_json_holds_plain_numbers_and_nulls(report: AblationReport):
@@ -291,9 +319,17 @@ def test_a_browser_shows_the_page_whole(
     assert not complaints
     assert [url for url in requests if not url.startswith("data:")] == [file.as_uri()]
     widths = page.eval_on_selector_all("img", "images => images.map(i => i.naturalWidth)")
-    assert len(widths) == 1 and min(widths) > 0
+    assert len(widths) == 2 and min(widths) > 0
     # Wide tables scroll on their own; the page does not.
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    # The variants' names stay in view.
+    moved = """() => {
+        const table = document.querySelectorAll("section")[1].querySelector("table");
+        table.scrollLeft = table.scrollWidth;
+        const name = table.querySelector("tbody td");
+        return name.getBoundingClientRect().left - table.getBoundingClientRect().left;
+    }"""
+    assert page.evaluate(moved) == pytest.approx(0, abs=1)
     page.close()
 
 

@@ -44,15 +44,15 @@ class ModelResults:
     """
 
     def __init__(
-        self, predictor: Predictor, shards: ShardedDataset, keys: Sequence[str], confidence: float
+        self, predictor: Predictor, confidence: float, shards: ShardedDataset, keys: Sequence[str]
     ) -> None:
         self.predictor, self.shards, self.keys = predictor, shards, keys
         self.images = compared(*predict_shards(predictor, shards, keys), confidence)
         fps = predictor.frames_per_second(shards.rgb(keys[0]))
         self.metrics: MetricValues = {**measured(self.images), "fps": fps}
 
-    def write_figures(self, folder: Path, title: str) -> dict[str, Path]:
-        """Draw the figures: title -> file."""
+    def write_figures(self, folder: Path, title: str, strip: Path) -> dict[str, Path]:
+        """Draw the figures: title -> file; and, for the report, a row of predictions, `strip`."""
         figures = {
             "precision and recall": folder / "precision_recall.png",
             "pose errors": folder / "pose_errors.png",
@@ -64,6 +64,7 @@ class ModelResults:
         save_figure(pose_error_figure(self.images.errors), figures["pose errors"])
         first = range(min(DRAWN_IMAGES, len(self.keys)))
         write_jpeg(self._sheet(first, COLUMNS), figures["predictions"], quality=88)
+        write_jpeg(self._sheet(first[:COLUMNS], COLUMNS), strip, quality=80)
         if worst := worst_images(self.images, WORST):
             figures["worst predictions"] = folder / "worst_predictions.jpg"
             sheet = self._sheet(worst, WORST_COLUMNS)

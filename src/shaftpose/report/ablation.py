@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from shaftpose.core.errors import InputError
 from shaftpose.evaluation.results import Accuracy, Evaluation, Silhouettes
@@ -12,7 +13,8 @@ from shaftpose.metrics.table import MetricValues
 from shaftpose.origin import Origin
 from shaftpose.report.champion import Champion
 from shaftpose.report.paper_numbers import TABLE_I, PaperRow
-from shaftpose.stage_files import REAL, STAND_IN
+from shaftpose.settings.parsing import flatten
+from shaftpose.stage_files import REAL, STAND_IN, TrainingRecord
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,10 @@ class VariantRow:
     title: only for variants that the paper lacks. refined: whether the poses are fitted ones;
     silhouettes: fields of a `SilhouetteScore` by set of images, such as `rendered/clear`.
 
-    Of one training alone, and lacking in results of older versions: summary; depths, the bins of
-    the true depth; training_id, as in MLflow; origin, of the evaluation. data: digests of the
-    rendered images with their split, and of images that were mixed in.
+    Of one training alone, and lacking in results of older versions: settings, of the variant and
+    its loss, by name; summary; depths, the bins of the true depth; training_id, as in MLflow;
+    origin, of the evaluation. data: digests of the rendered images with their split, and of images
+    that were mixed in.
     """
 
     variant: str
@@ -46,6 +49,7 @@ class VariantRow:
     mixed_in_images: int = 0
     title: str = ""
     spread: MetricValues = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     summary: Summary | None = None
     depths: tuple[ErrorBin, ...] = ()
     training_id: str = ""
@@ -137,9 +141,16 @@ def _row(name: str, evaluation: Evaluation, accuracy: Accuracy) -> VariantRow:
         seeds=(training.seed,),
         parameters=training.parameters,
         mixed_in_images=mixed_in.images if mixed_in else 0,
+        settings=_settings(training),
         summary=accuracy.summary,
         depths=tuple(accuracy.binned_errors["z_mm"]),
         training_id=training.training_id,
         data=(training.data.digest, *([mixed_in.digest] if mixed_in else [])),
         origin=evaluation.origin,
     )
+
+
+def _settings(training: TrainingRecord) -> dict[str, Any]:
+    """The settings of a training's variant, without its network."""
+    flat = flatten({name: one for name, one in training.variant.items() if name != "network"})
+    return {name: one for name, one in flat.items() if not name.endswith("_target_")}

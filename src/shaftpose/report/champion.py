@@ -1,7 +1,9 @@
 """The choice of the best variant, and what the model registry says of it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 from shaftpose.evaluation.results import Evaluation
 from shaftpose.metrics.best import best_of
@@ -35,6 +37,31 @@ def choose_champion(evaluations: Mapping[str, Evaluation], margin: float) -> Cha
 
 def _merits(validation: MetricValues) -> dict[str, float]:
     return {name: value for name in MERITS if (value := validation.get(name)) is not None}
+
+
+class Candidate(NamedTuple):
+    """The best variant's model as the registry takes it: see `tracking.registry`."""
+
+    training_id: str
+    name: str
+    rule: str
+    tags: Mapping[str, str]
+    is_better: Callable[[Mapping[str, str]], bool]
+
+
+def candidate(
+    champion: Champion, evaluations: Mapping[str, Evaluation], settings: Settings
+) -> Candidate:
+    """The champion's model as a candidate for the registry."""
+    evaluation = evaluations[champion.variant]
+    tags, margin = version_tags(settings, evaluation), settings.report.champion_margin
+    return Candidate(
+        evaluation.training.training_id,
+        champion.variant,
+        champion.rule,
+        tags,
+        partial(is_better, tags, margin=margin),
+    )
 
 
 def version_tags(settings: Settings, evaluation: Evaluation) -> dict[str, str]:

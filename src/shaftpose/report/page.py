@@ -35,9 +35,11 @@ def sections(report: AblationReport) -> list[Section]:
     """The report: its champion, tables and notes."""
     spread, depths = accuracy_tables.spread_table(report), accuracy_tables.depth_table(report)
     image, origins = silhouette_tables.image_table(report), training_tables.origin_table(report)
+    differences = training_tables.difference_table(report)
     made = training_tables.ORIGINS.format(profile=escape(report.profile))
     return [
         Section("Champion", _champion(report)),
+        *_optional("What differs", training_tables.DIFFERENCES, differences),
         Section(
             "Table I: accuracy on rendered test images (paper / ours)",
             _text(
@@ -87,10 +89,16 @@ def blocks(report: AblationReport, level: str = "##") -> str:
     return _text(*(f"{level} {escape(one.title)}\n\n{one.text}" for one in sections(report)))
 
 
-def to_html(report: AblationReport, figures: Mapping[str, Path]) -> str:
-    """The report as one self-contained file: no scripts, no links.
+def to_html(
+    report: AblationReport,
+    figures: Mapping[str, Path],
+    strips: Mapping[str, Path],
+    links: Mapping[str, str],
+) -> str:
+    """The report as one self-contained file without scripts.
 
-    figures: title -> PNG file, to be embedded.
+    figures: title -> picture, to be embedded; strips: the same, of each variant's predictions on
+    the same images; links: title -> address of a training in MLflow.
     """
     template = resources.files("shaftpose.report").joinpath("report.html.j2").read_text("utf-8")
     environment = Environment(
@@ -101,6 +109,8 @@ def to_html(report: AblationReport, figures: Mapping[str, Path]) -> str:
         title=TITLE,
         sections=[(one.title, renderer.render(one.text)) for one in sections(report)],
         figures={title: _data_uri(path) for title, path in figures.items()},
+        strips={title: _data_uri(path) for title, path in strips.items()},
+        links=links,
     )
 
 
@@ -109,7 +119,8 @@ def _data_uri(path: Path) -> str:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: the report's figure cannot be read: draw it first") from error
-    return "data:image/png;base64," + base64.b64encode(content).decode("ascii")
+    kind = "png" if path.suffix == ".png" else "jpeg"
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def to_json(report: AblationReport) -> str:

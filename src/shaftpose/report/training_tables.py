@@ -37,6 +37,34 @@ def setup_table(report: AblationReport) -> str:
     return pipe_table(SETUP, rows)
 
 
+WEIGHTS = ("loss.alpha", "loss.gamma", "loss.beta")  # shown even if all rows agree
+DIFFERENCES = (
+    "The weights of the paper's loss (beta: of x, y, z, pitch, yaw), and the settings in which "
+    "these rows differ."
+)
+
+
+def difference_table(report: AblationReport) -> str | None:
+    """The weights of the loss and what else differs between rows; None if nothing is known."""
+    rows = [row for row in report.rows if row.settings and not row.refined]
+    names = dict.fromkeys([*WEIGHTS, *(name for row in rows for name in row.settings)])
+    values = {name: [_value(row.settings.get(name)) for row in rows] for name in names}
+    shown = [n for n in names if set(values[n]) - {MISSING}
+             and (n in WEIGHTS or len(set(values[n])) > 1)]  # fmt: skip
+    titles = [row.title_cell(report.domain_label) for row in rows]
+    lines = zip(titles, *(values[name] for name in shown), strict=True)
+    headings = [name.removeprefix("loss.") for name in shown]
+    return pipe_table(["Variant", *headings], list(map(list, lines))) if shown else None
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return MISSING
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_value, value))
+    return f"{value:g}" if isinstance(value, float) else escape(str(value))
+
+
 def origin_table(report: AblationReport) -> str | None:
     """How the numbers of each row were made, where that is known; None without any."""
     rows = [

@@ -63,14 +63,28 @@ def constant_metrics(images: Path, split: Path) -> MetricValues:
     return constant_predictor(train, test)
 
 
-def write_report(report: AblationReport, evaluations: Mapping[str, Evaluation], out: Path) -> None:
-    """Write `ablation.md`, `.json`, `.html`, `figures/` and the tables for DVC to `out`."""
+def write_report(
+    report: AblationReport,
+    evaluations: Mapping[str, Evaluation],
+    links: Mapping[str, str],
+    results: Mapping[str, Path],
+    out: Path,
+) -> None:
+    """Write `ablation.md`, `.json`, `.html`, `figures/` and the tables for DVC to `out`.
+
+    links: variant -> address of its training in MLflow; results: variant -> folder of its
+    evaluation.
+    """
     write_dvc_tables(report, evaluations, out)
     figures = {}
     for title, figure in report_figures(report, evaluations).items():
         figures[title] = out / "figures" / f"{title.lower().replace(' ', '_')}.png"
         save_figure(figure, figures[title])
-    texts = {"md": to_markdown(report), "json": to_json(report), "html": to_html(report, figures)}
+    titles = {row.variant: row.shown_title(report.domain_label) for row in report.rows}
+    strips = {titles[name]: folder / "predictions.jpg" for name, folder in results.items()}
+    runs = {titles[name]: link for name, link in links.items() if link}
+    page = to_html(report, figures, strips, runs)
+    texts = {"md": to_markdown(report), "json": to_json(report), "html": page}
     for suffix, text in texts.items():
         with new_file(out / f"ablation.{suffix}") as part:
             part.write_text(text)

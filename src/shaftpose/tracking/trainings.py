@@ -14,6 +14,7 @@ from mlflow.entities import Run
 from shaftpose.settings.parsing import as_plain, flatten
 from shaftpose.tracking.parents import repro_run, run_name
 from shaftpose.tracking.sweeps import OVERRIDES_TAG, read_sweep
+from shaftpose.tracking.views import run_link
 
 if TYPE_CHECKING:
     from lightning.pytorch.loggers import MLFlowLogger
@@ -107,6 +108,12 @@ def run_of(training_id: str, name: str) -> str:
     with mlflow.start_run(run_name=name) as run:
         mlflow.set_tag(TRAINING_TAG, training_id)
     return str(run.info.run_id)
+
+
+def training_link(training_id: str) -> str:
+    """The address of a training's run; "" if this database has none."""
+    run_id = _find_run(training_id)
+    return run_link(run_id) if run_id else ""
 
 
 def _find_run(training_id: str) -> str | None:

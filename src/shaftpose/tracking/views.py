@@ -49,11 +49,21 @@ def view_tag(columns: Iterable[str], expanded: str | None = None) -> dict[str, s
 
 
 def view_link(experiment: str) -> str:
-    """The address of an experiment's view: on the tracking server, or where `make ui` serves."""
-    uri, found = mlflow.get_tracking_uri(), mlflow.get_experiment_by_name(experiment)
-    server = uri.rstrip("/") if uri.startswith("http") else _LOCAL
-    page = f"{server}/#/experiments/{found.experiment_id}/runs"
+    """The address of an experiment's view."""
+    page = _page(mlflow.get_experiment_by_name(experiment).experiment_id)
     return f"{page}?viewStateShareKey={_NAME}&workflowType={_KIND}"
+
+
+def run_link(run_id: str) -> str:
+    """The address of a run."""
+    return f"{_page(mlflow.get_run(run_id).info.experiment_id)}/{run_id}"
+
+
+def _page(experiment: str) -> str:
+    """The address of an experiment's runs: on the tracking server, or where `make ui` serves."""
+    uri = mlflow.get_tracking_uri()
+    server = uri.rstrip("/") if uri.startswith("http") else _LOCAL
+    return f"{server}/#/experiments/{experiment}/runs"
 
 
 def view_links() -> list[str]:
