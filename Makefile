@@ -61,6 +61,8 @@ format: $(READY)  ## fix style and format
 	ruff check --fix .
 	ruff format .
 
+# Results of benchmarks go to reports/benchmarks; with BENCHMARKS=benchmarks/results, into the
+# project's own record.
 bench: $(READY)  ## measure images/s of the models from `make repro`
 	python -m benchmarks.prediction
 
@@ -73,7 +75,6 @@ bench-soak: $(READY)  ## measure the memory of prediction over 20,000 frames
 
 bench-render: $(READY)  ## measure images/s, quality and memory of the renderer, on an idle machine
 	python -m benchmarks.render
-	python -m benchmarks.scaling_tables
 
 bench-train: $(READY)  ## measure images/s of the network's step alone and of whole trainings
 	python -m benchmarks.training
@@ -108,7 +109,8 @@ film: $(READY)  ## render moving shafts, track them, and show it in docs
 architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables
 
-results: $(READY)  ## write docs/results.md and README's table from the recorded reports and benchmarks
+results: $(READY)  ## write the project's own pages (docs/results.md, README) from what Git holds
+	python -m benchmarks.scaling_tables
 	python -m studies.write_results_page
 
 clean:  ## remove data/scratch, from which interrupted renders and trainings resume

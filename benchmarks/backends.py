@@ -1,7 +1,7 @@
 """The default model and the paper's whole network D in PyTorch, onnxruntime and OpenVINO, in 32, 16
 and 8 bits: `make bench-inference`, on an idle machine.
 
-Writes `benchmarks/results/backends.json`. Weights of the paper's network are random, which does not
+Writes `reports/benchmarks/backends.json`. Weights of the paper's network are random, which does not
 affect speed.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from benchmarks.inference import FILM, ROOT, Run, times
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
 from shaftpose.export.compression import quantise
@@ -29,7 +29,7 @@ from shaftpose.settings.choices import Backend
 from shaftpose.settings.compose import composed_settings
 from shaftpose.training.recipe import training_recipe
 
-OUT = ROOT / "benchmarks/results/backends.json"
+OUT = RESULTS / "backends.json"
 ROUNDS, PER_ROUND = 20, 5
 PROFILE = "paper"
 SIDE_PX = 299

@@ -1,7 +1,7 @@
 """Speed and memory from a decoded frame to poses: `make bench-inference`, on an idle machine.
 
 Frames of 1920 x 1080 px go through the package's models one by one, with each way to refine poses
-in turn, and the figures are written to `benchmarks/results/inference.json`.
+in turn, and the figures are written to `reports/benchmarks/inference.json`.
 """
 
 import statistics
@@ -19,7 +19,7 @@ import numpy as np
 import onnxruntime
 from tqdm import tqdm
 
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
 from shaftpose.inference.backends import open_network
@@ -31,7 +31,7 @@ from shaftpose.inference.video_files import VideoFile
 from shaftpose.settings.choices import Refinement
 
 ROOT = Path(__file__).parents[1]
-OUT = ROOT / "benchmarks/results/inference.json"
+OUT = RESULTS / "inference.json"
 FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
@@ -74,7 +74,7 @@ def main() -> None:
     write_json(OUT, result)
     for one in rows:
         print(one)
-    print(f"written to {OUT.relative_to(ROOT)}")
+    print(f"written to {OUT}")
 
 
 def finder(model: str, refine: Refinement) -> ShaftFinder:

@@ -9,6 +9,8 @@ import psutil
 
 from shaftpose.origin import processor
 
+# Of results. `make` and `BENCHMARKS=benchmarks/results` record them for the documentation.
+RESULTS = Path(os.environ.get("BENCHMARKS", "reports/benchmarks"))
 # Of x86 processors; what networks in 16 and 8 bits are fast with.
 INSTRUCTIONS = ["avx2", "avx512f", "avx_vnni", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8"]
 

@@ -1,7 +1,7 @@
 """Speed of exported models: `make bench`, after `make repro`.
 
 Prints images per second of every `models/*/model.onnx` by batch size, decoding, non-maximum
-suppression and the fit of poses included, and writes them to `benchmarks/results/prediction.json`.
+suppression and the fit of poses included, and writes them to `reports/benchmarks/prediction.json`.
 """
 
 import statistics
@@ -14,7 +14,7 @@ import numpy as np
 import onnxruntime
 
 from benchmarks.inference import times
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
@@ -22,7 +22,7 @@ from shaftpose.core.shards import ShardedDataset
 from shaftpose.inference.predictor import Predictor
 
 ROOT = Path(__file__).parents[1]
-OUT = ROOT / "benchmarks" / "results" / "prediction.json"
+OUT = RESULTS / "prediction.json"
 BATCHES = (1, 4, 16)
 ROUNDS = 20
 
@@ -78,7 +78,7 @@ def write(speeds: dict[tuple[str, int], float]) -> None:
         ],
     }
     write_json(OUT, result)
-    print(f"written to {OUT.relative_to(ROOT)}")
+    print(f"written to {OUT}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Speed, quality and memory of rendering: `make bench-render`, on an idle machine.
 
-Prints a table and writes `benchmarks/results/render.json`. A quick run of single parts writes
+Prints a table and writes `reports/benchmarks/render.json`. A quick run of single parts writes
 nothing: `python -m benchmarks.render --quick throughput profile`.
 """
 
@@ -11,15 +11,15 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
 
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from benchmarks.rendering import memory, plain, profile, quality, throughput
 from benchmarks.rendering.aims import AIMS
-from benchmarks.rendering.common import PROFILE, ROOT, SAMPLES, default_set
+from benchmarks.rendering.common import PROFILE, SAMPLES, default_set
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.rendering.rendered_set import RenderedSet
 
-OUT = ROOT / "benchmarks/results/render.json"
+OUT = RESULTS / "render.json"
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def main() -> None:
     print("\n".join(table(found)))
     if counts == FULL and found.keys() == PARTS.keys():
         write_json(OUT, _result(rendered, counts, found))
-        print(f"written to {OUT.relative_to(ROOT)}")
+        print(f"written to {OUT}")
 
 
 def _arguments() -> argparse.Namespace:

@@ -112,7 +112,7 @@ def page(text: str, measured: Measured) -> str:
         "quality": quality_table(measured),
         "cost": cost_table(measured),
     }
-    return with_tables(text, tables, "make bench-render", "docs/scaling.md")
+    return with_tables(text, tables, "make results", "docs/scaling.md")
 
 
 def aims_table(measured: Measured) -> str:

@@ -1,7 +1,7 @@
 """Memory over many frames: `make bench-soak`.
 
 The package's first model predicts large frames one after another. How much its process has grown
-since the first thousand is written to `benchmarks/results/soak.json`.
+since the first thousand is written to `reports/benchmarks/soak.json`.
 """
 
 import argparse
@@ -11,12 +11,12 @@ import psutil
 from tqdm import tqdm
 
 from benchmarks.inference import finder, frames
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from shaftpose.core.files import write_json
 from shaftpose.inference.model_files import DEFAULT
 
 ROOT = Path(__file__).parents[1]
-OUT = ROOT / "benchmarks/results/soak.json"
+OUT = RESULTS / "soak.json"
 SETTLED = 1000  # frames after which memory should not grow
 
 
@@ -31,7 +31,7 @@ def main() -> None:
     growth = round(last / settled - 1, 4)
     found = {"frames": total, "settled": SETTLED, "mib": round(last), "rss_growth": growth}
     write_json(OUT, {"machine": machine(), **found})
-    print(f"{found}\nwritten to {OUT.relative_to(ROOT)}")
+    print(f"{found}\nwritten to {OUT}")
 
 
 def resident_mib(total: int) -> tuple[float, float]:

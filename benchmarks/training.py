@@ -4,7 +4,7 @@ For the networks of the profiles `paper` and `bench`: images per second of (a) t
 alone, i.e. forward, loss, backward and optimiser on one repeated batch, and (b) whole training
 steps of the pipeline's trainer, which reads, decodes and augments the images. The two alternate, so
 that other load on the machine affects both. Prints the speeds and writes
-`benchmarks/results/train.json`; on a GPU, also tries larger batches than the paper's 32, and
+`reports/benchmarks/train.json`; on a GPU, also tries larger batches than the paper's 32, and
 writes `train-gpu.json`.
 """
 
@@ -23,7 +23,7 @@ from lightning import Callback, LightningModule, Trainer
 from lightning.fabric.utilities import move_data_to_device
 
 from benchmarks.aims import Aim
-from benchmarks.machine import machine
+from benchmarks.machine import RESULTS, machine
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.dataset.batches import Batch
@@ -40,7 +40,6 @@ from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe, training_recipe
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "benchmarks/results"
 FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 OUT = {"cpu": RESULTS / "train.json", "cuda": RESULTS / "train-gpu.json"}
 VARIANT = "d"
@@ -96,7 +95,7 @@ def main() -> None:
     result = {"machine": about, "torch": torch.__version__, "variant": VARIANT, **counts}
     result |= {"aims": verdicts(profiles, LOOP_AIM[device]), "profiles": profiles}
     write_json(OUT[device], result)
-    print(f"written to {OUT[device].relative_to(ROOT)}")
+    print(f"written to {OUT[device]}")
 
 
 def timed_profile(profile: str, device: str, steps: int, rounds: int) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def to_page(
     """The page as Markdown, by the template results.md.j2.
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
-    errors of pose classes; sweeps: tables of `python -m studies.draw_sweep`, by name; benchmarks:
+    errors of pose classes; sweeps: tables of sweeps, by name; benchmarks:
     contents of result files, by name; real: the run of the preset `laparoscopy`; whole_frames:
     tables of `python -m studies.whole_frames`, by model.
     """

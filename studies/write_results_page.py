@@ -5,6 +5,7 @@ All content comes from the result files in the repository; the rounding errors o
 from the variants' files.
 """
 
+import argparse
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from shaftpose.core.errors import exit_on_input_error
-from shaftpose.core.files import read_json
+from shaftpose.core.files import new_file, read_json
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.figures.style import save_figure
 from shaftpose.metrics.table import MetricValues, metrics_of
@@ -21,6 +22,7 @@ from shaftpose.report.ablation import AblationReport, VariantRow
 from shaftpose.report.cells import cells, headings, show
 from shaftpose.report.paper_numbers import TABLE_I, TEST_IMAGES, TRAINING_IMAGES
 from shaftpose.stage_files import read_stage_file
+from shaftpose.sweeps.table import read_table, sweep_figures
 from studies.architecture_tables import rounding_table
 from studies.bundled_errors import recorded
 from studies.frame_tables import frame_blocks
@@ -38,14 +40,37 @@ COLUMNS = tuple(metric for metric in metrics_of("detection", "pose") if metric.i
 
 
 def main() -> None:
-    """Write the page and its pictures, and the tables of README and of real frames."""
+    """Write the page and its pictures, and the tables of README and of real frames.
+
+    With `--out FOLDER`, for results of one's own, writes the page and its pictures there alone.
+    """
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, help="folder for the page alone")
+    out = parser.parse_args().out
     with exit_on_input_error():
         trainings = records(ROOT)
-        PAGE.write_text(page(ROOT, trainings))
+        if out is not None:
+            write_page(trainings, out / PAGE.name)
+            print(f"written to {out / PAGE.name}")
+            return
+        write_page(trainings, PAGE)
         README.write_text(readme(ROOT))
         REAL.write_text(real_images(ROOT))
-        draw(repeated_figures(trainings), PAGE.parent)
     print(f"written to {PAGE.relative_to(ROOT)}, {README.name} and {REAL.relative_to(ROOT)}")
+
+
+def write_page(trainings: Sequence[EvaluatedTraining], path: Path) -> None:
+    """Write the page with its pictures."""
+    with new_file(path) as part:
+        part.write_text(page(ROOT, trainings))
+    draw(repeated_figures(trainings) | swept_figures(ROOT), path.parent)
+
+
+def swept_figures(root: Path) -> dict[str, Figure]:
+    """The first figure of each sweep below `root`."""
+    paths = (root / "reports/sweeps").glob("*.csv")
+    figures = {path.stem: sweep_figures(read_table(path)) for path in paths}
+    return {f"images/sweep-{name}.png": next(iter(one.values())) for name, one in figures.items()}
 
 
 def draw(figures: Mapping[str, Figure], folder: Path) -> None:

@@ -4,22 +4,17 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
-from shaftpose.core.files import write_csv
 from shaftpose.core.text import aligned
 from shaftpose.figures.style import save_figure
 from shaftpose.metrics.best import best_of
 from shaftpose.metrics.table import MetricValues, metrics_named
-from shaftpose.sweeps.heat_maps import heat_map_figure, is_full_grid
 from shaftpose.sweeps.jobs import SweepJob, swept_parameters
-from shaftpose.sweeps.lines import line_figure
+from shaftpose.sweeps.table import METRICS, sweep_figures, write_table
 from shaftpose.tracking.sweeps import SweepRun, add_summary, read_sweep, sweep_runs
 from shaftpose.tracking.views import view_link
 
 PHASE = "validation"
 SHOWN = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
-DRAWN = tuple(f"{PHASE}/{name}" for name in ("mAP", "tip_mm", "axis_deg"))
 
 
 def summarise(folder: Path, margin: float) -> None:
@@ -33,14 +28,13 @@ def summarise(folder: Path, margin: float) -> None:
         return
     best = best_run(runs, margin)
     names, rows = table(runs, best)
-    write_csv(folder / "sweep.csv", names, rows)
-    files = [folder / "sweep.csv", *draw(runs, folder)]
+    files = write_files(runs, folder)
     command = full_training(best)
     add_summary(sweep, runs, best, tuple(names[1 : -len(SHOWN)]), command, files)
     print(f"{aligned(names, rows)}\n")
     print(f"best: lowest tip error where mAP is within {margin:g} of the highest")
     print(f"at full length: {command}")
-    print(f"figures: {', '.join(str(path) for path in files[1:])}")
+    print(f"table and figures: {', '.join(map(str, files))}")
     print(f"MLflow: {view_link(sweep.experiment)} (make ui)")
 
 
@@ -59,7 +53,7 @@ def validation(run: SweepRun) -> MetricValues:
 def table(runs: Sequence[SweepRun], best: SweepRun) -> tuple[list[str], list[list[str]]]:
     """Headings and cells: the best run is marked, the others follow by mAP."""
     swept = swept_parameters([SweepJob(run.parameters, {}) for run in runs])
-    ordered = sorted(runs, key=lambda run: (run is not best, -run.metrics.get(DRAWN[0], 0.0)))
+    ordered = sorted(runs, key=lambda run: (run is not best, -run.metrics.get(METRICS[0], 0.0)))
     rows = [
         [
             "best" if run is best else "",
@@ -82,14 +76,11 @@ def full_training(best: SweepRun) -> str:
     return shlex.join(["python", "pipelines/train.py", *kept])
 
 
-def draw(runs: Sequence[SweepRun], folder: Path) -> list[Path]:
-    """Draw parallel coordinates and, of a full grid of two settings, heat maps."""
+def write_files(runs: Sequence[SweepRun], folder: Path) -> list[Path]:
+    """Write the table and the figures of a sweep to its folder; returns their paths."""
     jobs = [SweepJob(run.parameters, run.metrics, run.steps) for run in runs]
-    figures: dict[str, Figure] = {}
-    if swept_parameters(jobs):
-        figures["sweep_lines.png"] = line_figure(jobs, DRAWN)
-    if is_full_grid(jobs):
-        figures["sweep_maps.png"] = heat_map_figure(jobs, DRAWN)
-    for name, figure in figures.items():
-        save_figure(figure, folder / name)
-    return [folder / name for name in figures]
+    write_table(jobs, folder / "sweep.csv")
+    figures = {folder / f"sweep_{name}.png": one for name, one in sweep_figures(jobs).items()}
+    for path, figure in figures.items():
+        save_figure(figure, path)
+    return [folder / "sweep.csv", *figures]
