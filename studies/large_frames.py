@@ -64,7 +64,7 @@ def table(settings: Settings, frames: int) -> str:
             f"{trained:g}; set {trained:g}"
         )
     found: dict[str, list[list[dict[str, Any]]]] = {name: [] for name in RUNS}
-    for sample in tqdm(rendered(settings, frames), "rendering", frames, unit="frame"):
+    for sample in tqdm(rendered(settings, frames), "rendering", frames, unit="frame", disable=None):
         true.append([asdict(one.pose) for one in sample.instruments])
         square = centre_square(sample.rgb, predictor.side_px)[None]
         for name, fine in RUNS.items():

@@ -82,7 +82,7 @@ def write_film(settings: Settings, frames: int, out: Path) -> None:
     with blender_output_hidden():
         renderer = Renderer(settings.rendering)
     above = (WIDTH - HEIGHT) // 2
-    for number, scene in enumerate(tqdm(scenes, "rendering", unit="frame")):
+    for number, scene in enumerate(tqdm(scenes, "rendering", unit="frame", disable=None)):
         with blender_output_hidden():
             foreground = renderer.render(scene)
         rgb = photograph(scene, foreground, settings.rendering)[above : above + HEIGHT]

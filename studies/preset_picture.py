@@ -42,7 +42,10 @@ def draw(settings: Settings, out: Path) -> None:
         raise InputError("data/backgrounds: holds images of others; run the pipeline with its own")
     with blender_output_hidden():
         generator = SampleGenerator(plan.settings, plan.backgrounds, plan.seed)
-        images = [generator.sample(n).rgb for n in tqdm(range(IMAGES), "rendering", unit="image")]
+        images = [
+            generator.sample(n).rgb
+            for n in tqdm(range(IMAGES), "rendering", unit="image", disable=None)
+        ]
     write_jpeg(contact_sheet(images, COLUMNS), out, quality=85)
 
 

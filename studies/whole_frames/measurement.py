@@ -57,7 +57,7 @@ class Measurement:
 
     def _compare(self, chosen: Frames) -> Comparison:
         result = Comparison()
-        for frame in tqdm(self.frames(chosen), chosen.squares, unit="frame"):
+        for frame in tqdm(self.frames(chosen), chosen.squares, unit="frame", disable=None):
             finder = self._finder(frame.view_deg if chosen.camera_known else None)
             found_rod = self.rod._replace(diameter_mm=finder.diameter_mm or self.rod.diameter_mm)
             seen_by = camera_of(finder, frame.rgb)

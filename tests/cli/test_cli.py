@@ -222,7 +222,7 @@ def test_results_and_pictures_go_into_a_folder(
     drawn = cv2.imread(str(out / "frame.jpg"))
     assert drawn.shape == (300, 400, 3)
     assert np.ptp(drawn) > 100  # the frame alone is of one grey
-    assert capsys.readouterr().out == ""
+    assert capsys.readouterr().out == f"results are in {out}\n"
 
 
 def test_a_video_is_predicted_and_drawn_frame_by_frame(model: Path, tmp_path: Path) -> None:
@@ -455,17 +455,24 @@ def test_the_demo_finds_the_shafts_of_its_examples(
     assert all({one["track"] for one in line["instruments"]} == {1, 2} for line in film)
     assert cv2.imread(str(out / "demo_frame.jpg")).shape == (299, 299, 3)
     assert len(list(VideoFile(out / "demo_film.mp4").frames())) == 50
-    assert capsys.readouterr().out.startswith("poses, a picture and a film are in")
+    assert capsys.readouterr().out.startswith("results are in ")
 
 
-def test_models_prints_facts_and_card(capsys: pytest.CaptureFixture[str]) -> None:
+def test_models_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     main(["models"])
+    headings, *rows = capsys.readouterr().out.partition("\n\n")[0].splitlines()
+    assert headings.startswith("name ")
+    assert [row.split()[0] for row in rows] == list(model_files.bundled_names())
+    assert rows[-1].split()[1:4] == ["299", "95.0", "3.0"]
+
+
+def test_models_prints_the_facts_and_the_card_of_one(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["models", "shaftpose"])
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) < 500  # no weights
     assert "\nview_deg: 95.0\n" in printed and "\nshaft_diameter_mm: 3.0\n" in printed
-    for name in model_files.bundled_names():
-        assert f"name: {name}\n" in printed
-        assert (model_files.FOLDER / f"{name}.md").read_text() in printed
+    assert printed.startswith("name: shaftpose\n")
+    assert (model_files.FOLDER / "shaftpose.md").read_text() in printed
 
 
 def test_check_says_what_prediction_needs(

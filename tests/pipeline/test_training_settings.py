@@ -1,5 +1,6 @@
 """Settings take effect in the network's training, its images and its confidence threshold."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from shaftpose.inference.shard_prediction import confidence_threshold
 from shaftpose.network.building import initial_network
 from shaftpose.network.pose_network import PoseNetwork
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
-from shaftpose.training.assembly import build_module
+from shaftpose.training.assembly import build_module, build_trainer
+from shaftpose.training.curves import Curves
 from shaftpose.training.data import training_data
 from tests.pipeline.conftest import recipe_with, settings_with
 from tests.pipeline.small_data import FOLDERS, write_training_data
@@ -178,3 +180,12 @@ def test_detections_count_from_the_score_of_the_user_or_of_the_model(
     chosen_by_user = settings_with(f"detection.confidence_threshold={chosen}").detection
     threshold = confidence_threshold(chosen_by_user.confidence_threshold, Blind())  # type: ignore[arg-type]
     assert threshold == counts_from
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_bar_is_drawn_in_a_terminal_alone(
+    folder: Path, terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    trainer = build_trainer(recipe_with("profile=smoke"), folder, Curves())
+    assert (trainer.progress_bar_callback is not None) is terminal

@@ -109,7 +109,9 @@ def write_library(
     out.mkdir(parents=True, exist_ok=True)
     (out / INDEX_NAME).unlink(missing_ok=True)
     rows: list[tuple[str, ...]] = []
-    for number, (source, image) in enumerate(tqdm(sources, "backgrounds", total, unit="image")):
+    for number, (source, image) in enumerate(
+        tqdm(sources, "backgrounds", total, unit="image", disable=None)
+    ):
         square = centre_square(image, size_px)
         rng = streams(seed, number)("variations")
         for variation in sample_variations(rng, variations, ranges):

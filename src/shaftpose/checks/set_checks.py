@@ -55,7 +55,7 @@ def check_sets(expected: Mapping[str, ExpectedSet], workers: int) -> dict[str, l
     counts = [len(which.shards[name]) for which, name in jobs]
     # Spawned, not forked: a fork of a process with threads, such as those of BLAS, may hang.
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    with pool, tqdm(total=sum(counts), desc="checking", unit="image") as bar:
+    with pool, tqdm(total=sum(counts), desc="checking", unit="image", disable=None) as bar:
         checked = []
         results = pool.map(check_shard, *zip(*jobs, strict=True))
         for count, shard in zip(counts, results, strict=True):

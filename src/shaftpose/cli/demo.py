@@ -19,5 +19,4 @@ def run(options: argparse.Namespace) -> None:
         folder = files("shaftpose.inference")
         paths = [str(stack.enter_context(as_file(folder / name))) for name in EXAMPLES]
         predict.run(parser().parse_args(["predict", *paths, *OPTIONS, f"--out={options.out}"]))
-    print(f"poses, a picture and a film are in {options.out}")
     print("next: shaftpose predict YOUR_IMAGE_OR_VIDEO --out found --draw")

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
+from shaftpose.inference.model_files import bundled_names
 from shaftpose.settings.choices import Backend, Refinement
 
 _PREDICT_EXAMPLES = """\
@@ -147,8 +148,10 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_nothing(parser: argparse.ArgumentParser) -> None:
-    """The command has no options."""
+def _add_models(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "name", nargs="?", choices=bundled_names(), help="describe this model (a table of all)"
+    )
 
 
 # Command, a module of `shaftpose.cli` -> its summary, examples and options.
@@ -164,9 +167,9 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
         _add_predict,
     ),
     "models": (
-        "describe the models that come with the package",
-        "example: shaftpose models",
-        _add_nothing,
+        "list the models that come with the package, or describe one",
+        "example: shaftpose models shaftpose",
+        _add_models,
     ),
     "show": (
         "draw a contact sheet of a folder",

@@ -42,6 +42,8 @@ def run(options: argparse.Namespace) -> None:
     if options.resume and (options.out is None or options.rerun or options.format == "bop"):
         raise InputError("--resume: needs --out, and continues no --rerun and no --format bop")
     failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
+    if options.out is not None:
+        print(f"results are in {options.out}")
     if failed:
         raise InputError(f"sources that failed, see above: {failed}")
 

@@ -37,7 +37,7 @@ def compared_frames(model: FrameModel, images: Sequence[CocoImage]) -> list[Comp
     """What a model finds in each image, compared with its annotations."""
     return [
         compare_frame(true_shafts(image), model(image), model.threshold)
-        for image in tqdm(images, "finding shafts", unit="frame")
+        for image in tqdm(images, "finding shafts", unit="frame", disable=None)
     ]
 
 

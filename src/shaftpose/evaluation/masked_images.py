@@ -62,7 +62,7 @@ def _rendered(folder: Path) -> list[MaskedImage]:
 def _unposed(annotations: Path, camera: Camera) -> dict[str, list[MaskedImage]]:
     """Images of a COCO file with an instrument in their central square, by occlusion."""
     sets: dict[str, list[MaskedImage]] = {name: [] for name in OCCLUSIONS}
-    for image in tqdm(read_coco(annotations), "reading images", unit="image"):
+    for image in tqdm(read_coco(annotations), "reading images", unit="image", disable=None):
         square = load_square(image, camera.width)
         if len(square.boxes):
             name = OCCLUSIONS[int(square.occluded)]

@@ -79,7 +79,7 @@ def _silhouettes(
     images: Sequence[MaskedImage], found: Sequence[Detections], render: Render, confidence: float
 ) -> list[Sequence[NDArray[np.bool_]]]:
     """The masks (H, W) of the poses that were found in each image."""
-    pairs = zip(images, tqdm(found, "silhouettes", unit="image"), strict=True)
+    pairs = zip(images, tqdm(found, "silhouettes", unit="image", disable=None), strict=True)
     return [render(one.above(confidence).poses, image.camera) for image, one in pairs]
 
 

@@ -19,7 +19,7 @@ def predict(
 ) -> list[Detections]:
     """Detections in each image (H, W, 3), in batches, with a progress bar."""
     found: list[Detections] = []
-    with tqdm(total=total, desc="predicting", unit="image") as bar:
+    with tqdm(total=total, desc="predicting", unit="image", disable=None) as bar:
         for batch in _batches(images):
             found += predictor(np.stack(batch))
             bar.update(len(batch))

@@ -56,9 +56,10 @@ def read_silhouettes(folder: Path, variants: Sequence[str]) -> dict[str, Silhoue
 def constant_metrics(images: Path, split: Path) -> MetricValues:
     """Metrics of the constant predictor on the test images."""
     shards = ShardedDataset(images)
+    keys = {part: read_keys(split, part) for part in ("train", "test")}
     train, test = (
-        [shards.annotations(key) for key in tqdm(read_keys(split, part), f"reading {part} poses")]
-        for part in ("train", "test")
+        [shards.annotations(key) for key in tqdm(found, f"reading {part} poses", disable=None)]
+        for part, found in keys.items()
     )
     return constant_predictor(train, test)
 

@@ -2,6 +2,7 @@
 
 import logging
 import signal
+import sys
 import warnings
 from dataclasses import asdict
 from datetime import timedelta
@@ -58,8 +59,9 @@ def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
     """
     settings, size = recipe.training, recipe.size
     assert size.precision != "auto"  # see `Recipe.resolved`
+    shows_progress = sys.stderr.isatty()  # a file would be filled with bars
     callbacks: list[Callback] = [
-        TQDMProgressBar(refresh_rate=20),
+        *([TQDMProgressBar(refresh_rate=20)] if shows_progress else []),
         LearningRateMonitor("step"),
         ValidationMetrics(),
         TimeLimit(settings.max_hours),
@@ -82,6 +84,7 @@ def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
             callbacks=callbacks,
             default_root_dir=folder,
             enable_model_summary=False,
+            enable_progress_bar=shows_progress,
             use_distributed_sampler=False,  # `TrainingData` splits the batches among ranks
         )
     except (MisconfigurationException, ValueError) as error:

@@ -162,8 +162,12 @@ class ShaftModule(LightningModule):
         return path
 
     def _log_terms(self, phase: str, terms: dict[str, Tensor], batch_size: int) -> None:
-        values = {f"{phase}/{name}": value.float() for name, value in terms.items()}
-        self.log_dict(values, batch_size=batch_size, sync_dist=phase == "validation")
+        for name, value in terms.items():
+            self.log(
+                f"{phase}/{name}", value.float(), batch_size=batch_size,
+                sync_dist=phase == "validation",
+                prog_bar=(phase, name) == ("train", "loss"),
+            )  # fmt: skip
 
 
 def of_all_ranks(terms: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -1,5 +1,6 @@
 """The project's metrics on the validation images during training."""
 
+import logging
 from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
@@ -9,6 +10,8 @@ from shaftpose.dataset.batches import Batch, Targets
 from shaftpose.metrics.detection.precision_recall import best_confidence, precision_recall
 from shaftpose.metrics.metrics import evaluate
 from shaftpose.metrics.table import METRICS
+
+logger = logging.getLogger(__name__)
 
 LOGGED = [metric.name for metric in METRICS if metric.measure]
 
@@ -54,11 +57,13 @@ class ValidationMetrics(Callback):
         metrics = evaluate(self._found, self._known, confidence)
         known = {name: value for name in LOGGED if (value := metrics[name]) is not None}
         # Each rank of a distributed training validates on all images: there is nothing to gather.
-        pl_module.log_dict(
-            {f"validation/{name}": value for name, value in known.items()},
-            sync_dist=True,
-            rank_zero_only=True,
-        )
+        for name, value in known.items():
+            pl_module.log(
+                f"validation/{name}", value,
+                sync_dist=True, rank_zero_only=True, prog_bar=name == "mAP",
+            )  # fmt: skip
+        shown = ", ".join(f"{name} {value:.3g}" for name, value in known.items())
+        logger.info("step %d: %s", trainer.global_step, shown)
 
 
 def annotations(targets: Targets, side_px: int) -> list[Annotations]:
