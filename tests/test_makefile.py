@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "Makefile").read_text()
@@ -51,3 +52,12 @@ def test_only_targets_that_train_need_a_list_of_variants(tmp_path: Path) -> None
     refused = run([*command, "repro"])
     assert "params.yaml: `variants` must be a list of names" in refused.stderr
     assert refused.returncode != 0
+
+
+def test_commits_are_checked_by_the_same_linters() -> None:
+    lint = re.search(r"^lint:.*\n((?:\t.*\n)+)", TEXT, re.MULTILINE)
+    assert lint is not None
+    commands = [line.removesuffix(" .") for line in lint[1].split("\n\t")]
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    entries = [hook["entry"].removeprefix(".venv/bin/") for hook in repository["hooks"]]
+    assert entries == [command.strip().removesuffix(" .") for command in commands]

@@ -245,6 +245,11 @@ def test_git_ignores_what_dvc_caches() -> None:
     assert subprocess.run([*command[:-1], *kept], cwd=ROOT, capture_output=True).returncode == 1
 
 
+def test_the_registered_model_is_what_a_stage_writes() -> None:
+    (model,) = yaml.safe_load((ROOT / "dvc.yaml").read_text())["artifacts"].values()
+    assert model["path"].replace("/e/", "/${item.variant}/") in paths("export", "outs")
+
+
 def paths_kept() -> set[str]:
     """What Git holds of the stages' results."""
     listed = (entry for stage in STAGES for kind in WRITTEN for entry in entries(stage, kind))

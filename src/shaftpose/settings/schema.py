@@ -345,6 +345,8 @@ class TrainingSettings:
     gradient_clip: Positive | None
     ema_decay: Share | None
     frozen_norm_share: Fraction
+    keep_best: bool
+    patience: PositiveInt | None
     compile: bool
     augmentation: Augmentation
 

@@ -11,8 +11,10 @@ from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import (
+    EarlyStopping,
     EMAWeightAveraging,
     LearningRateMonitor,
+    ModelCheckpoint,
     Timer,
     TQDMProgressBar,
 )
@@ -20,15 +22,19 @@ from lightning.pytorch.utilities.exceptions import MisconfigurationException
 
 from shaftpose.core.errors import InputError
 from shaftpose.network.building import identity, initial_network
+from shaftpose.settings.schema import TrainingSettings
 from shaftpose.training.curves import Curves
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe
-from shaftpose.training.resume import LAST_CHECKPOINT, LastCheckpoint
+from shaftpose.training.resume import BEST_CHECKPOINT, LAST_CHECKPOINT, LastCheckpoint
 from shaftpose.training.validation_metrics import ValidationMetrics
+
+MERIT = "validation/mAP"
 
 # Hide Lightning's remarks on hardware and its own products; progress and errors still show.
 logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 # Lightning does not know that `TrainingData` starts at the trainer's step.
+warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
 warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended before the epoch")
 
 
@@ -52,7 +58,7 @@ def build_module(recipe: Recipe) -> ShaftModule:
 
 def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
     """A trainer for one pass over the stream. It validates every `validate_every` steps and after
-    the last one, also if `max_hours` ends the training.
+    the last one, also if `max_hours` or `patience` ends the training.
 
     folder: for checkpoints to resume from. Raises InputError if this machine cannot provide
     `trainer`.
@@ -65,6 +71,7 @@ def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
         LearningRateMonitor("step"),
         ValidationMetrics(),
         TimeLimit(settings.max_hours),
+        *_best_of_validations(settings, folder),
         LastCheckpoint(folder / LAST_CHECKPOINT, settings.checkpoint_minutes, curves),
         EndAtOnce(),
     ]
@@ -90,6 +97,26 @@ def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
     except (MisconfigurationException, ValueError) as error:
         reason = " ".join(str(error).split())  # may have several lines
         raise InputError(f"trainer = {trainer}: {reason}; see conf/trainer") from error
+
+
+def _best_of_validations(settings: TrainingSettings, folder: Path) -> list[Callback]:
+    """What keeps the weights with the best validation mAP, and ends trainings without progress."""
+    found: list[Callback] = []
+    if settings.patience is not None:
+        found.append(
+            EarlyStopping(
+                MERIT, mode="max", patience=settings.patience, check_on_train_epoch_end=False
+            )
+        )
+    if settings.keep_best:
+        name = Path(BEST_CHECKPOINT).stem
+        found.append(
+            ModelCheckpoint(
+                folder, name, MERIT, mode="max",
+                save_weights_only=True, enable_version_counter=False, save_on_train_epoch_end=False,
+            )
+        )  # fmt: skip
+    return found
 
 
 class TimeLimit(Timer):

@@ -22,6 +22,8 @@ from shaftpose.settings.tree import Settings, check_image_size
 
 # Settings of a training that may change before it resumes.
 _FREE = {"loader_workers", "images_in_memory", "checkpoint_minutes", "max_hours"}
+# Settings that leave no trace while they are off, so that older trainings stay comparable.
+_OPTIONS = {"keep_best", "patience"}
 # Sizes that a training reads only as images, as the weights that it starts from, or, in the
 # variant's file, as arguments of its network.
 _SIZES_ELSEWHERE = {
@@ -67,8 +69,13 @@ class Recipe:
         So may the trainer: on all of conf/trainer a step has the same images and batch statistics.
         """
         parts = {"size": self.size, "camera": self.camera, "poses": self.poses, "loss": self.loss}
-        training = without(_FREE, self.training)
-        return {name: as_plain(part) for name, part in parts.items()} | {"training": training}
+        return {name: as_plain(part) for name, part in parts.items()} | {"training": self._training}
+
+    @property
+    def _training(self) -> dict[str, Any]:
+        """The settings of the training that determine its result."""
+        known = without(_FREE, self.training)
+        return {name: one for name, one in known.items() if one or name not in _OPTIONS}
 
     def variant_key(self) -> dict[str, Any]:
         """The settings in which trainings of one variant must agree: all except its names.
@@ -83,7 +90,7 @@ class Recipe:
         return {
             "variant": {"name": self.variant.name, **self.variant_key()},
             "size": without(_SIZES_ELSEWHERE, self.size),
-            "training": without(_FREE, self.training),
+            "training": self._training,
             "trainer": asdict(self.trainer),
             "seed": self.seed,
         }

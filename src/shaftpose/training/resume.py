@@ -17,7 +17,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import new_file
 from shaftpose.training.curves import Curves
 
-LAST_CHECKPOINT = "last.ckpt"
+LAST_CHECKPOINT, BEST_CHECKPOINT = "last.ckpt", "best.ckpt"
 
 # The data loaders of a killed training hold its lock until they exit, within seconds.
 _PATIENCE_S = 30.0
@@ -27,14 +27,15 @@ _PATIENCE_S = 30.0
 def locked_training_folder(folder: Path) -> Iterator[str]:
     """Hold the lock of a training whose state and result are in `folder`.
 
-    Yields the training's id, which stays the same after a resume. Removes the last checkpoint when
-    the training is finished. Raises InputError if another process runs the same training.
+    Yields the training's id, which stays the same after a resume. Removes its checkpoints when the
+    training is finished. Raises InputError if another process runs the same training.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     with _held(folder.with_suffix(".lock")):
         folder.mkdir(exist_ok=True)
         yield _training_id(folder / "training_id")
-        (folder / LAST_CHECKPOINT).unlink(missing_ok=True)
+        for name in (LAST_CHECKPOINT, BEST_CHECKPOINT):
+            (folder / name).unlink(missing_ok=True)
 
 
 def _held(path: Path) -> AcquireReturnProxy:

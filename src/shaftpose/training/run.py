@@ -25,7 +25,11 @@ from shaftpose.training.data import DataFolders, training_data
 from shaftpose.training.fingerprint import data_record, fingerprint
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe
-from shaftpose.training.resume import LAST_CHECKPOINT, locked_training_folder
+from shaftpose.training.resume import (
+    BEST_CHECKPOINT,
+    LAST_CHECKPOINT,
+    locked_training_folder,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -149,5 +153,7 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path)
     except SystemExit as stop:  # Lightning's answer to Ctrl-C
         raise KeyboardInterrupt from stop
     if trainer.global_step < module.total_steps:
-        logger.info("ended by training.max_hours after %d steps", trainer.global_step)
+        logger.info("ended by max_hours or patience after %d steps", trainer.global_step)
     trainer.save_checkpoint(folder / CHECKPOINT, weights_only=True)
+    if trainer.is_global_zero and (folder / BEST_CHECKPOINT).is_file():
+        (folder / BEST_CHECKPOINT).replace(folder / CHECKPOINT)
