@@ -1,0 +1,100 @@
+"""The commands of README and docs are ones that this version takes."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from importlib.util import find_spec
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+from dvc.cli import parse_args
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from shaftpose.cli.options import parser
+from shaftpose.settings.compose import composed_settings
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TARGETS = set(re.findall(r"^([a-z-]+):.*##", (ROOT / "Makefile").read_text(), re.MULTILINE))
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+VARIABLE = re.compile(r"[A-Z_]+=\S*")
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """The words of each command in a page's blocks of code."""
+    for language, block in BLOCK.findall(page.read_text()):
+        if language not in ("", "bash"):
+            continue
+        for line in block.replace("\\\n", " ").splitlines():
+            for words in split_at_operators(line):
+                while words and VARIABLE.fullmatch(words[0]):
+                    words = words[1:]
+                if words:
+                    yield words
+
+
+def split_at_operators(line: str) -> Iterator[list[str]]:
+    """The commands of a line that the shell joins by `&&`, `|` or `>`."""
+    words = shlex.shlex(line, posix=True, punctuation_chars="&|>")
+    words.whitespace_split = True
+    for operator, group in groupby(words, key=lambda word: set(word) <= set("&|>")):
+        if not operator:
+            yield list(group)
+
+
+FOUND = [(page.name, words) for page in PAGES for words in commands(page)]
+
+
+def of(*names: str) -> list[object]:
+    """The commands of these programs, as parameters of a test."""
+    return [
+        pytest.param(words, id=f"{page}: {shlex.join(words)}")
+        for page, words in FOUND
+        if tuple(words[: len(names)]) == names
+    ]
+
+
+@pytest.mark.parametrize("words", of("make"))
+def test_make_has_the_target(words: list[str]) -> None:
+    named = [word for word in words[1:] if "=" not in word]
+    assert {re.sub("^variant-.*", "variant-", name) for name in named} <= TARGETS | {"variant-"}
+
+
+@pytest.mark.parametrize("words", of("shaftpose"))
+def test_the_command_line_takes_the_options(words: list[str]) -> None:
+    parser().parse_args(words[1:])
+
+
+@pytest.mark.parametrize("words", of("dvc"))
+def test_dvc_takes_the_options(words: list[str]) -> None:
+    parse_args(words[1:])
+
+
+@pytest.mark.parametrize("words", of("python", "-m"))
+def test_the_module_exists(words: list[str]) -> None:
+    assert find_spec(words[2]) is not None
+
+
+SCRIPTS = [one for name in sorted((ROOT / "pipelines").glob("*.py"))
+           for one in of("python", f"pipelines/{name.name}")]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", SCRIPTS)
+def test_the_settings_exist(words: list[str]) -> None:
+    given = [word.replace("NAME", "d") for word in words[2:] if "=" in word]
+    parsed = OverridesParser.create().parse_overrides(given)
+    first = [
+        f"{one.get_key_element()}={next(one.sweep_string_iterator())}"
+        if one.is_sweep_override()
+        else one.input_line
+        for one in parsed
+        if not one.key_or_group.startswith("hydra")
+    ]
+    composed_settings(ROOT, *first)
+
+
+def test_commands_are_found() -> None:
+    programs = {words[0] for _, words in FOUND}
+    assert {"make", "shaftpose", "dvc", "python"} <= programs
+    assert len(FOUND) > 80
