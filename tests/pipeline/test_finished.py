@@ -140,7 +140,7 @@ def test_an_interrupted_sweep_goes_on(inside: Path) -> None:
     assert json.loads(first.read_text())["training_id"] == first_id
     assert (inside / "sweeps/mine/1/training.json").is_file()
     mlflow.set_tracking_uri(f"sqlite:///{inside / 'mlflow.db'}")
-    runs = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
+    runs = mlflow.search_runs(experiment_names=["shaftpose mine"], output_format="list")
     (parent,) = [run.info.run_id for run in runs if "shaftpose.sweep" in run.data.tags]
     nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent]
     assert sorted(run.data.params["loss.alpha"] for run in nested) == ["0.5", "2.0"]

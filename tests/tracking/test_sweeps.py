@@ -95,6 +95,18 @@ def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
     assert [run.finished for run in sweep_runs(store)] == [False, True]
 
 
+def test_results_of_a_sweeps_training_find_its_run_in_another_experiment(store: Path) -> None:
+    connect(None, "trials grid")
+    start_sweep(store, "trials grid", {})
+    with training("id-1", {}, store):
+        pass
+    connect(None, "trials")
+    log_results("id-1", "d", {"test": {"mAP": 0.5}}, {})
+    runs = mlflow.search_runs(experiment_names=["trials grid"], output_format="list")
+    assert [run.data.metrics.get("test/mAP") for run in runs].count(0.5) == 1
+    assert mlflow.search_runs(experiment_names=["trials"], output_format="list") == []
+
+
 def test_a_folder_without_a_sweep_is_named(store: Path) -> None:
     with pytest.raises(InputError, match=r"mlflow_sweep\.json: missing"):
         sweep_runs(store)

@@ -94,10 +94,11 @@ def reopened_run(training_id: str, name: str) -> Iterator[None]:
     Its end stays that of the training, so that MLflow shows how long the training took.
     """
     client, run_id = mlflow.MlflowClient(), run_of(training_id, name)
-    end = client.get_run(run_id).info.end_time
+    run = client.get_run(run_id).info
+    mlflow.set_experiment(experiment_id=run.experiment_id)  # of its sweep, perhaps
     with mlflow.start_run(run_id=run_id):
         yield
-    client.set_terminated(run_id, end_time=end)
+    client.set_terminated(run_id, end_time=run.end_time)
 
 
 def run_of(training_id: str, name: str) -> str:
