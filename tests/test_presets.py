@@ -13,6 +13,7 @@ from shaftpose.settings.parsing import flatten
 ROOT = Path(__file__).parents[1]
 PRESETS = {path.stem: path for path in (ROOT / "conf/preset").glob("*.yaml")}
 SECTIONS = {"camera", "poses", "shaft", "scene", "lens"}  # which dvc.yaml lists one by one
+LEFT_OUT = {"variant", "overrides"}
 
 
 @pytest.fixture
@@ -25,10 +26,10 @@ def project(tmp_path: Path) -> Path:
 
 
 def values(root: Path, *overrides: str) -> dict[str, object]:
-    """All values except those that a variant's file takes from others."""
+    """All values except the command line, and those that a variant's file takes from others."""
     config = OmegaConf.to_container(composed(root, *overrides), resolve=True)
     assert isinstance(config, dict)
-    return flatten({name: part for name, part in config.items() if name != "variant"})
+    return flatten({name: part for name, part in config.items() if name not in LEFT_OUT})
 
 
 @pytest.mark.parametrize("name", PRESETS)

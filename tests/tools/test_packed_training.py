@@ -74,7 +74,7 @@ def test_a_packed_training_comes_back(project: Path) -> None:
     assert run.data.tags["dataset.digest"] == record["data"]["digest"]
     assert run.data.params["size.steps"] == "2"
     curves = (out / "curves.csv").read_text()
-    for name in ("training/loss", "validation/mAP"):
+    for name in ("train/loss", "validation/mAP"):
         assert f"1,{name},{run.data.metrics[name]}" in curves
 
 
