@@ -38,6 +38,16 @@ def test_the_best_weights_are_kept_over_an_interruption(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("measured")
+def test_averaged_weights_are_kept_as_they_were_validated(tmp_path: Path) -> None:
+    options = ("training.keep_best=true", "training.ema_decay=0.5")
+    two_steps = ("profiles.smoke.steps=2", "profiles.smoke.warmup_steps=1")  # the best is the last
+    ended = Training(tmp_path, (*EACH_STEP, *options, *two_steps))
+    kept = torch.load(tmp_path / "model.ckpt", weights_only=True)["state_dict"]
+    for name, value in ended.weights.items():
+        assert torch.equal(kept[f"network.{name}"], value), name
+
+
+@pytest.mark.usefixtures("measured")
 def test_the_last_weights_are_kept_without_being_asked(tmp_path: Path) -> None:
     Training(tmp_path, EACH_STEP)
     assert step_of(tmp_path) == 5

@@ -14,7 +14,6 @@ from lightning.pytorch.callbacks import (
     EarlyStopping,
     EMAWeightAveraging,
     LearningRateMonitor,
-    ModelCheckpoint,
     Timer,
     TQDMProgressBar,
 )
@@ -27,14 +26,11 @@ from shaftpose.training.curves import Curves
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe
 from shaftpose.training.resume import BEST_CHECKPOINT, LAST_CHECKPOINT, LastCheckpoint
-from shaftpose.training.validation_metrics import ValidationMetrics
-
-MERIT = "validation/mAP"
+from shaftpose.training.validation_metrics import MERIT, BestWeights, ValidationMetrics
 
 # Hide Lightning's remarks on hardware and its own products; progress and errors still show.
 logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 # Lightning does not know that `TrainingData` starts at the trainer's step.
-warnings.filterwarnings("ignore", "Checkpoint directory .* exists and is not empty")
 warnings.filterwarnings("ignore", "You're resuming from a checkpoint that ended before the epoch")
 
 
@@ -102,20 +98,14 @@ def build_trainer(recipe: Recipe, folder: Path, curves: Curves) -> Trainer:
 def _best_of_validations(settings: TrainingSettings, folder: Path) -> list[Callback]:
     """What keeps the weights with the best validation mAP, and ends trainings without progress."""
     found: list[Callback] = []
+    if settings.keep_best:
+        found.append(BestWeights(folder / BEST_CHECKPOINT))
     if settings.patience is not None:
         found.append(
             EarlyStopping(
                 MERIT, mode="max", patience=settings.patience, check_on_train_epoch_end=False
             )
         )
-    if settings.keep_best:
-        name = Path(BEST_CHECKPOINT).stem
-        found.append(
-            ModelCheckpoint(
-                folder, name, MERIT, mode="max",
-                save_weights_only=True, enable_version_counter=False, save_on_train_epoch_end=False,
-            )
-        )  # fmt: skip
     return found
 
 

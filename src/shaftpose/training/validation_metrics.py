@@ -1,6 +1,8 @@
 """The project's metrics on the validation images during training."""
 
 import logging
+import math
+from pathlib import Path
 from typing import Any
 
 from lightning import Callback, LightningModule, Trainer
@@ -14,6 +16,7 @@ from shaftpose.metrics.table import METRICS
 logger = logging.getLogger(__name__)
 
 LOGGED = [metric.name for metric in METRICS if metric.measure]
+MERIT = "validation/mAP"
 
 
 class ValidationMetrics(Callback):
@@ -64,6 +67,34 @@ class ValidationMetrics(Callback):
             )  # fmt: skip
         shown = ", ".join(f"{name} {value:.3g}" for name, value in known.items())
         logger.info("step %d: %s", trainer.global_step, shown)
+
+
+class BestWeights(Callback):
+    """Keeps the weights with the best validation mAP in a file.
+
+    It comes after `ValidationMetrics`. Averaged weights leave the module when a validation ends, so
+    that Lightning's own callback, which comes later, would keep others than those validated.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._best = path, -math.inf
+
+    def state_dict(self) -> dict[str, Any]:
+        """The mAP of the weights in the file."""
+        return {"best": self._best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Go on from the mAP of a checkpoint."""
+        self._best = state_dict["best"]
+
+    def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Write the weights if they are the best so far."""
+        if trainer.sanity_checking:
+            return
+        found = float(trainer.callback_metrics[MERIT])
+        if found > self._best:
+            self._best = found
+            trainer.save_checkpoint(self._path, weights_only=True)
 
 
 def annotations(targets: Targets, side_px: int) -> list[Annotations]:
