@@ -68,5 +68,5 @@ def comparison(**changed: Any) -> Comparison:
     """A comparison for a model with errors of 2 mm and 4 deg."""
     own = METRICS | {"mAP": 0.9, "detected_rate": 0.9, "axis_deg": 4.0, "tip_mm": 2.0}
     moved = {"tip_mm": 0.05, "axis_deg": 0.1}
-    growth = dict.fromkeys(("x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg"), 0.0)
+    growth = dict.fromkeys(METRICS, 0.0)
     return replace(Comparison(own, own | {"mAP": 0.897}, 0.99, moved, growth), **changed)
