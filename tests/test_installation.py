@@ -64,7 +64,8 @@ def predict_frames(blocked: list[str], out: Path) -> tuple[list[str], list[str]]
     frames = sorted(map(str, FRAMES.glob("*.jpg")))
     result = run_without(blocked, "predict", *frames, "--out", str(out), "--draw")
     assert result.returncode == 0, result.stderr
-    return (out / "predictions.jsonl").read_text().splitlines(), json.loads(result.stdout)
+    *_, loaded = result.stdout.splitlines()
+    return (out / "predictions.jsonl").read_text().splitlines(), json.loads(loaded)
 
 
 def packages(modules: Iterable[str]) -> set[str]:

@@ -503,7 +503,7 @@ def test_check_takes_another_model(
     main(["check", "--camera", str(calibration), "--model", "laparoscopy"])
     printed = capsys.readouterr().out
     assert re.search(r"^model: laparoscopy, \d+ images of 299 px per second$", printed, re.M)
-    assert "laparoscopy sees them as 398 x 299 px, 1.6 px of the frame in one; to train" in printed
+    assert "laparoscopy sees them as 360 x 270 px, 1.8 px of the frame in one; to train" in printed
     model.write_bytes(b"no model")
     with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):
         main(["check", "--model", str(model)])
