@@ -32,35 +32,25 @@ def test_a_shaft_has_its_ends_and_widths() -> None:
     assert not run.outside
 
 
-def test_crossing_shafts_are_two() -> None:
-    crossing = (200.0, 200.0), (260.0, 0.0), (22.0, 30.0)
-    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*crossing)), WIDE)
+@pytest.mark.parametrize(
+    ("tip", "tail", "widths", "px"),
+    [
+        pytest.param((200.0, 200.0), (260.0, 0.0), (22.0, 30.0), 4, id="crossing"),
+        pytest.param((230.0, 225.0), (0.0, 115.0), (24.0, 36.0), 8, id="touching at the border"),
+        pytest.param((410.0, 233.0), (531.0, 280.0), (24.0, 30.0), 4, id="pointing at each other"),
+    ],
+)
+def test_shafts_that_meet_are_two(tip: Point, tail: Point, widths: Point, px: float) -> None:
+    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(tip, tail, widths)), WIDE)
     assert len(runs) == 2
-    assert sum(lies_on(run, *LEFT[:2]) for run in runs) == 1
-    assert sum(lies_on(run, *crossing[:2]) for run in runs) == 1
-
-
-def test_touching_shafts_are_two() -> None:
-    """Side by side at the border, their tips 60 px apart."""
-    lower = (230.0, 225.0), (0.0, 115.0), (24.0, 36.0)
-    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*lower)), WIDE)
-    assert len(runs) == 2
-    assert sum(lies_on(run, *LEFT[:2], px=8) for run in runs) == 1
-    assert sum(lies_on(run, *lower[:2], px=8) for run in runs) == 1
+    assert sum(lies_on(run, *LEFT[:2], px=px) for run in runs) == 1
+    assert sum(lies_on(run, tip, tail, px=px) for run in runs) == 1
 
 
 def test_a_shaft_that_something_hides_in_part_is_one() -> None:
     mask = drawn(*RIGHT)
     mask[:, 360:410] = 0
     assert lies_on(the_run(mask), *RIGHT[:2])
-
-
-def test_shafts_that_point_at_each_other_are_two() -> None:
-    opposite = (410.0, 233.0), (531.0, 280.0), (24.0, 30.0)
-    runs = straight_runs(np.maximum(drawn(*LEFT), drawn(*opposite)), WIDE)
-    assert len(runs) == 2
-    assert sum(lies_on(run, *LEFT[:2]) for run in runs) == 1
-    assert sum(lies_on(run, *opposite[:2]) for run in runs) == 1
 
 
 def test_a_highlight_along_a_shaft_makes_no_second_one() -> None:

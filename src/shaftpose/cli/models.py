@@ -3,7 +3,7 @@
 import argparse
 from dataclasses import replace
 
-from shaftpose.core.text import aligned
+from shaftpose.figures.text import aligned
 from shaftpose.inference.model_files import CARD_SUFFIX, bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 

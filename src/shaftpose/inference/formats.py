@@ -140,9 +140,8 @@ def _table(rows: Iterable[Sequence[object]]) -> str:
 
 def _line(row: Sequence[object]) -> str:
     text = io.StringIO()
-    csv.writer(text).writerow(
-        row
-    )  # its own line ending makes it quote names that hold a part of it
+    # With the writer's own line ending, names that hold a part of it are quoted.
+    csv.writer(text).writerow(row)
     return text.getvalue().removesuffix("\r\n") + "\n"
 
 

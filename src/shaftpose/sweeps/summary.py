@@ -4,8 +4,8 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from shaftpose.core.text import aligned
 from shaftpose.figures.style import save_figure
+from shaftpose.figures.text import aligned
 from shaftpose.metrics.best import best_of
 from shaftpose.metrics.table import MetricValues, metrics_named
 from shaftpose.sweeps.jobs import SweepJob, swept_parameters

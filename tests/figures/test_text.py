@@ -1,6 +1,6 @@
 """Text for a terminal."""
 
-from shaftpose.core.text import aligned
+from shaftpose.figures.text import aligned
 
 
 def test_columns_are_as_wide_as_their_longest_cell() -> None:
