@@ -10,7 +10,7 @@ model; `reports/real/runs.json` records it.
 import argparse
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 
@@ -84,7 +84,10 @@ def measure(data: Path, part: str, name: str, records: Path = RECORDS) -> Path:
     if part == TEST:
         _record(records, Run(name, model.sha256, digest, date.today().isoformat()))
     groups = metrics_by_group(frames, images)
-    results = FrameResults(name, model.sha256, part, digest, model.threshold, groups, origin())
+    # Not the folder's path: the digest says which frames these are.
+    command = f"python -m studies.real_frames --data FOLDER --part {part} --model {name}"
+    made = replace(origin(), command=command)
+    results = FrameResults(name, model.sha256, part, digest, model.threshold, groups, made)
     write_json(out, asdict(results))
     _draw(model, images, frames, part, records / GALLERY, out.stem)
     return out
