@@ -19,10 +19,11 @@ from tqdm import tqdm
 from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.geometry import ShaftPose
-from shaftpose.core.images import centre_square, read_rgb, write_jpeg
+from shaftpose.core.images import centre_square, write_jpeg
 from shaftpose.core.instruments import Detections
 from shaftpose.core.samples import Sample
 from shaftpose.figures.markdown import pipe_table
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.rendering.generator import SampleGenerator

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from shaftpose.core.files import read_json, write_json
-from shaftpose.core.images import read_rgb, write_jpeg
+from shaftpose.core.images import write_jpeg
 from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.predictor import Predictor
 from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
 

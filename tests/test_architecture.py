@@ -16,9 +16,10 @@ PACKAGE, PIPELINES = ROOT / "src/shaftpose", ROOT / "pipelines"
 FOLDERS = {
     "core": (),
     "settings": (),
-    "backgrounds": (),
+    "image_files": (),
+    "backgrounds": ("image_files",),
     "rendering": ("backgrounds",),
-    "dataset": (),
+    "dataset": ("image_files",),
     "farm": ("rendering",),
     "metrics": (),
     "figures": ("metrics",),
@@ -28,11 +29,11 @@ FOLDERS = {
     "training": ("dataset", "network", "metrics"),
     "tracking": (),
     "sweeps": ("metrics", "figures", "tracking"),
-    "inference": ("refinement", "figures", "tracking"),
+    "inference": ("image_files", "refinement", "figures", "tracking"),
     "evaluation": ("dataset", "metrics", "figures", "refinement", "inference"),
     "export": ("dataset", "network", "metrics", "refinement", "inference"),
     "report": ("dataset", "metrics", "figures", "evaluation"),
-    "cli": ("inference", "dataset", "farm", "figures"),
+    "cli": ("image_files", "inference", "dataset", "farm", "figures"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.

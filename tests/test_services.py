@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shaftpose.core.images import centre_square, read_rgb
+from shaftpose.core.images import centre_square
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.model_files import DEFAULT, bundled_model
 from shaftpose.inference.predictor import Predictor
 from shaftpose.tracking.models import log_model

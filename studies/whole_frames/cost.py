@@ -13,7 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.inference import peak_mib, times
-from shaftpose.core.images import read_rgb, resized, write_jpeg
+from shaftpose.core.images import resized, write_jpeg
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.loading import load
 from shaftpose.inference.views import Crop
 from studies.whole_frames.frames import AnnotatedFrame

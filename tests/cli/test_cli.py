@@ -23,7 +23,7 @@ from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference import model_files
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.video_files import VideoFile
-from tests.core.image_files import jpeg_with_exif
+from tests.image_files.made_files import jpeg_with_exif
 from tests.inference.test_calibration_files import PINHOLE
 from tests.inference.videos import read_greys, with_pixel_aspect, write_video
 

@@ -14,10 +14,11 @@ from shaftpose.cli import real
 from shaftpose.cli.main import main
 from shaftpose.cli.real import FRAMES, REPOSITORIES, TOOLS, Frame, Repository, annotations, fetch
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import read_rgb, write_jpeg
+from shaftpose.core.images import write_jpeg
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_folder import read_folder
 from shaftpose.dataset.coco_images import load_frame
+from shaftpose.image_files.reading import read_rgb
 
 PARTS = ("train", "validation", "test")
 ANNOTATIONS = Path(__file__).parents[2] / "src/shaftpose/cli/real_images"

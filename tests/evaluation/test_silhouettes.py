@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
-from shaftpose.core.images import read_rgb
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.evaluation import silhouettes
 from shaftpose.evaluation.masked_images import MaskedImage
 from shaftpose.evaluation.silhouettes import compare_silhouettes
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.predictor import Predictor
 
 SIDE = 100

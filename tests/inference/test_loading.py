@@ -12,8 +12,8 @@ import pytest
 
 import shaftpose
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import read_rgb
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import ModelMetadata
 from tests.inference.test_calibration_files import FILE

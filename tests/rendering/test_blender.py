@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.images import read_rgb
+from shaftpose.core.images import read_written
 from shaftpose.core.samples import Sample, encode_sample
 from shaftpose.rendering.poses import PoseSampler
 from shaftpose.rendering.scene import Scene
@@ -186,7 +186,7 @@ def test_background_stays_byte_equal_around_the_shafts(
 ) -> None:
     files = {path.name: path for path in backgrounds}
     for sample in (sample for sample in samples if not is_occluded(sample)):
-        background = read_rgb(files[sample.scene_description["background"]])
+        background = read_written(files[sample.scene_description["background"]])
         mask = np.any([instrument.mask for instrument in sample.instruments], axis=0)
         # The pixel filter reaches 0.75 px to each side.
         touched = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

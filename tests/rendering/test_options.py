@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.core.images import read_rgb
+from shaftpose.core.images import read_written
 from shaftpose.core.masks import mask_box
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
@@ -207,7 +207,7 @@ def test_the_image_is_bent_like_the_mask_and_black_around_its_field(
         masks = np.any([shaft.mask for shaft in image.shafts], axis=0)
         assert not (masks & ~shown).any()
         assert not image.rgb[~shown].any()
-        background = read_rgb(files[image.described["background"]])
+        background = read_written(files[image.described["background"]])
         differs = np.any(image.rgb != background, axis=-1)
         assert differs[masks].mean() > 0.9
         # The pixel filter and the interpolation reach 1.75 px to each side.

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import read_rgb, write_jpeg
+from shaftpose.core.images import write_jpeg
 from shaftpose.evaluation.frame_results import FrameResults
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
 from shaftpose.stage_files import read_stage_file

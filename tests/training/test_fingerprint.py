@@ -60,7 +60,9 @@ def test_a_change_of_its_meaning_counts(tmp_path: Path, change: Callable[[Conten
     assert digest(tmp_path, json.dumps(changed)) != digest(tmp_path, json.dumps(content()))
 
 
-def test_the_bytes_of_images_count(tmp_path: Path) -> None:
+def test_the_pixels_of_images_count_and_no_other_bytes(tmp_path: Path) -> None:
     before = digest(tmp_path, json.dumps(content()))
     (tmp_path / "a.jpg").write_bytes((tmp_path / "a.jpg").read_bytes() + b" ")
+    assert digest(tmp_path, json.dumps(content())) == before
+    write_jpeg(np.full((40, 60, 3), 91, dtype=np.uint8), tmp_path / "a.jpg")
     assert digest(tmp_path, json.dumps(content())) != before

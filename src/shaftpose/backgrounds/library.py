@@ -15,8 +15,9 @@ from shaftpose.backgrounds.variations import VariationRanges, sample_variations,
 from shaftpose.core.background_index import INDEX_COLUMNS, INDEX_NAME
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_csv
-from shaftpose.core.images import Image, centre_square, read_rgb, write_jpeg
+from shaftpose.core.images import Image, centre_square, write_jpeg
 from shaftpose.core.random_streams import streams
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.settings.schema import BackgroundSettings
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})

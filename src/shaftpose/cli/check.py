@@ -70,7 +70,8 @@ def videos() -> str:
 
 def model(name: str) -> str:
     """The speed of a model, see `model_file`. Raises InputError if it cannot be used."""
-    from shaftpose.core.images import centre_square, read_rgb
+    from shaftpose.core.images import centre_square
+    from shaftpose.image_files.reading import read_rgb
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
 

@@ -19,7 +19,8 @@ from typing import Any
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import naming_refusal, new_file, read_json, write_json
-from shaftpose.core.images import centre_square, read_rgb, write_jpeg
+from shaftpose.core.images import centre_square, write_jpeg
+from shaftpose.image_files.reading import read_rgb
 
 _ANNOTATIONS = Path(__file__).with_name("real_images")
 _PARTS = ("train.json", "validation.json", "test.json")

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from shaftpose.core.background_index import read_library
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import naming_refusal
-from shaftpose.core.images import Image, read_rgb, write_jpeg
+from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.figures.drawing import contact_sheet, draw_real, draw_sample, evenly_spaced
+from shaftpose.image_files.reading import read_rgb
 
 if TYPE_CHECKING:
     from shaftpose.dataset.coco_images import CocoImage

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import Image, centre_square, read_rgb, resized
+from shaftpose.core.images import Image, centre_square, resized
 from shaftpose.core.instruments import TOOL, TOOL_OR_SHAFT, UNKNOWN
 from shaftpose.core.masks import mask_box
 from shaftpose.dataset.compressed_masks import CompressedMask
+from shaftpose.image_files.reading import read_rgb
 
 Point = tuple[float, float]
 UNKNOWN_POINT: Point = (np.nan, np.nan)

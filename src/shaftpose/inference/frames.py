@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.core.image_formats import HEAD_BYTES, has_image_head
-from shaftpose.core.images import Image, read_rgb
+from shaftpose.core.images import Image
+from shaftpose.image_files.formats import HEAD_BYTES, has_image_head
+from shaftpose.image_files.reading import read_rgb
 
 # Files that are named like this are images even if their content is damaged.
 _SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.errors import InputError
-from shaftpose.core.images import read_rgb
+from shaftpose.core.images import read_written
 from shaftpose.core.masks import crossed_share, is_crossed
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.rendering.blender import Foreground, Renderer
@@ -160,7 +160,7 @@ def _index(scene: Scene, foreground: Foreground | None) -> NDArray[np.int64]:
 
 def read_background(path: Path, size_px: int) -> NDArray[np.uint8]:
     """A background (size, size, 3) uint8 RGB. Raises InputError naming the file."""
-    rgb = read_rgb(path)
+    rgb = read_written(path)
     if rgb.shape[:2] != (size_px, size_px):
         raise InputError(f"{path}: not {size_px} x {size_px} px; run `dvc repro backgrounds`")
     return rgb

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from shaftpose.core.geometry import Camera
-from shaftpose.core.images import read_rgb
+from shaftpose.core.images import read_written
 from shaftpose.rendering.materials import GlowMaterial, SceneImages, mirrored_image
 from shaftpose.rendering.meshes import Mesh
 from shaftpose.rendering.placed_bodies import blender_mesh
@@ -34,7 +34,7 @@ class Surroundings:
 
     def show(self, background: Path, light: Light, images: SceneImages) -> Any:
         """Surround the scope with an image file, and set its light; returns the file's image."""
-        reflected = images.add(mirrored_image(read_rgb(background)))
+        reflected = images.add(mirrored_image(read_written(background)))
         self._glow.apply(reflected, light.ambient)
         for lamp in self._lamps:
             lamp.data.energy = light.strength / len(self._lamps)

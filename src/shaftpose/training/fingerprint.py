@@ -10,7 +10,7 @@ from pathlib import Path
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.shard_index import shard_paths
-from shaftpose.dataset.coco_images import CocoImage
+from shaftpose.dataset.coco_images import CocoImage, read_pixels
 from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.source_code import source_files
 from shaftpose.stage_files import DataRecord, MixedInImages, read_domain
@@ -28,6 +28,7 @@ WITHOUT_EFFECT = tuple(
         "network.dense.decoding",
         "training.fingerprint",
         "dataset.coco",
+        "image_files.reading",
     )
 )
 
@@ -81,12 +82,16 @@ def rendered_digest(shards: Path, split: Path) -> str:
 
 
 def annotated_digest(images: Sequence[CocoImage]) -> str:
-    """Hexadecimal digest of image files and of their annotations as they were understood.
+    """Hexadecimal digest of images and of their annotations, both as they were understood.
 
-    A training depends on the meaning of a COCO file, neither on its bytes nor on its reader's code.
+    A training depends on the meaning of these files, neither on their bytes nor on their readers'
+    code.
     """
     understood = [asdict(image) | {"path": image.path.name} for image in images]
-    return _digest(json.dumps(understood), (image.path for image in images))
+    digest = hashlib.sha256(json.dumps(understood).encode())
+    for image in images:
+        digest.update(read_pixels(image).tobytes())
+    return digest.hexdigest()[:16]
 
 
 def _digest(text: str, paths: Iterable[Path]) -> str:

@@ -3,7 +3,7 @@
 import re
 from itertools import takewhile
 
-from shaftpose.core.image_parts import Tiff, png_chunks
+from shaftpose.image_files.parts import Tiff, png_chunks
 
 _BITS, _PHOTOMETRIC, _SAMPLE_FORMAT = 258, 262, 339  # TIFF's tags
 _WHITE_IS_ZERO, _RGB, _SIGNED = 0, 2, 2  # photometrics: white, black or RGB; others are encodings

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.image_oddities import misread, oblong
-from shaftpose.core.images import read_rgb
-from tests.core.image_files import corner_marked, encoded, png_chunk
+from shaftpose.image_files.oddities import misread, oblong
+from shaftpose.image_files.reading import read_rgb
+from tests.image_files.made_files import corner_marked, encoded, png_chunk
 
 IMAGE = corner_marked()
 GREY = IMAGE[:, :, 0]

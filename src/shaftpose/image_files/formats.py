@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from itertools import islice, takewhile
 
-from shaftpose.core.image_parts import MOST_PARTS, Tiff, png_chunks, riff_chunks
+from shaftpose.image_files.parts import MOST_PARTS, Tiff, png_chunks, riff_chunks
 
 HEAD_BYTES = 32  # that `has_image_head` needs
 # JPEG, PNG, BMP, TIFF, JPEG 2000 (two forms), PNM and PFM, WebP, AVIF and HEIC, Sun, EXR, HDR.

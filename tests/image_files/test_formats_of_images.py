@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.image_formats import HEAD_BYTES, has_image_head, picture_count, still
-from shaftpose.core.images import read_rgb
-from tests.core.image_files import (
+from shaftpose.image_files.formats import HEAD_BYTES, has_image_head, picture_count, still
+from shaftpose.image_files.reading import read_rgb
+from tests.image_files.made_files import (
     animated_png,
     corner_marked,
     encoded,
