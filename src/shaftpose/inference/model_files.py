@@ -4,7 +4,7 @@ import base64
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
@@ -98,7 +98,7 @@ class ModelMetadata:
     shaft_tip: str | None = None
     distorted: bool = False
     fit_confidence: float | None = None
-    edge_reader: bytes | None = None
+    edge_reader: bytes | None = field(default=None, repr=False)
     side_px: int = 299
     low_pitch_deg: float | None = None
     high_pitch_deg: float | None = None
