@@ -53,24 +53,21 @@ class Scale(NamedTuple):
         return f"{self.training_images}_images_{steps}_{shape}_{digest}"
 
 
-def distinctions(scales: Sequence[Scale]) -> list[str]:
-    """For each scale, its values of the settings that differ, such as `training.ema_decay 0.999`.
+def distinctions(scales: Sequence[Scale]) -> dict[str, list[Any]]:
+    """The settings that differ, such as `training.ema_decay`: name -> value in each scale.
 
     Of settings with one name (`size.steps` and the steps taken) and equal values, only the first.
     """
     flat = [flatten({**scale._asdict(), "settings": scale.recipe}) for scale in scales]
     names = list(dict.fromkeys(name for one in flat for name in one))
     values = {name: [one.get(name) for one in flat] for name in names}
-    differing: dict[str, str] = {}
+    seen, differing = set[str](), dict[str, list[Any]]()
     for name in names:
-        if any(value != values[name][0] for value in values[name]):
-            differing.setdefault(f"{name.rpartition('.')[2]} {values[name]}", name)
-    return [
-        ", ".join(
-            f"{name.removeprefix('settings.')} {one.get(name)}" for name in differing.values()
-        )
-        for one in flat
-    ]
+        known = f"{name.rpartition('.')[2]} {values[name]}"
+        if known not in seen and any(value != values[name][0] for value in values[name]):
+            differing[name.removeprefix("settings.")] = values[name]
+        seen.add(known)
+    return differing
 
 
 def by_scale(records: Sequence[EvaluatedTraining]) -> dict[Scale, list[EvaluatedTraining]]:

@@ -11,7 +11,7 @@ from shaftpose.settings.parsing import flatten
 from shaftpose.sweeps.jobs import NO_VALUE
 from studies.pages import rendered
 from studies.record import EvaluatedTraining
-from studies.table import scale_tables
+from studies.table import difference_table, scale_tables
 
 Table = list[list[str]]  # the headings, then the cells line by line
 
@@ -22,23 +22,22 @@ def to_page(
     rounding: str,
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
-    real: AblationReport | None = None,
     whole_frames: Mapping[str, str] | None = None,
 ) -> str:
     """The page as Markdown, by the template results.md.j2.
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
     errors of pose classes; sweeps: tables of sweeps, by name; benchmarks:
-    contents of result files, by name; real: the run of the preset `laparoscopy`; whole_frames:
-    tables of `python -m studies.whole_frames`, by model.
+    contents of result files, by name; whole_frames: tables of `python -m studies.whole_frames`, by
+    model.
     """
     return rendered(
         "results.md.j2",
         scales=scale_tables(records),
+        differences=difference_table(records),
         rounding=rounding,
         profile=report.profile,
         run=blocks(report, "###"),
-        real=blocks(real, "###") if real else "",
         fewest=FEWEST,
         sweeps={name: _sweep(*table) for name, table in sweeps.items()},
         no_value=NO_VALUE,

@@ -36,12 +36,10 @@ class CommonErrors:
 
 @dataclass(frozen=True)
 class ScaleTables:
-    """Trainings of one scale: a heading and their differences from other scales, if there are any,
-    a sentence on their settings, their seeds, accuracy and common errors, and paths of two
-    pictures."""
+    """Trainings of one scale: a heading, a sentence on their settings, their seeds, accuracy and
+    common errors, and paths of two pictures."""
 
     heading: str
-    differences: str
     sentence: str
     seeds: str
     table: str
@@ -52,9 +50,20 @@ class ScaleTables:
 
 def scale_tables(records: Sequence[EvaluatedTraining]) -> list[ScaleTables]:
     """The tables of each scale of these trainings."""
-    scales = by_scale(records)
-    own = distinctions(list(scales))
-    return [_of_scale(*each) for each in zip(own, scales.keys(), scales.values(), strict=True)]
+    return [_of_scale(scale, alike) for scale, alike in by_scale(records).items()]
+
+
+def difference_table(records: Sequence[EvaluatedTraining]) -> str:
+    """The settings in which the scales of these trainings differ; empty for a single scale."""
+    scales = list(by_scale(records))
+    if not (differing := distinctions(scales)):
+        return ""
+    lines = [[name, *map(str, values)] for name, values in differing.items()]
+    return pipe_table(["Setting", *map(_heading, scales)], lines)
+
+
+def _heading(scale: Scale) -> str:
+    return f"{scale.training_images:,} images, {scale.steps:,} steps"
 
 
 def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
@@ -85,14 +94,13 @@ def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
     return next((record.mixed_in.domain for record in alike if record.mixed_in), STAND_IN)
 
 
-def _of_scale(differences: str, scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
+def _of_scale(scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
     rows, domain_label = rows_of(alike), _domain_of(alike)
     seeds = "; ".join(
         f"{row.title_cell(domain_label)}: {', '.join(map(str, row.seeds))}" for row in rows
     )
     return ScaleTables(
-        heading=f"{scale.training_images:,} images, {scale.steps:,} steps",
-        differences=differences,
+        heading=_heading(scale),
         sentence=scale.sentence(),
         seeds=seeds,
         table=rows_beside_paper(rows, domain_label, ACCURACY),

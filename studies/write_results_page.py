@@ -87,10 +87,8 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
 def page(root: Path, trainings: Sequence[EvaluatedTraining]) -> str:
     """The page for single trainings and the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
-    has_real = (root / "reports/real/ablation.json").is_file()
-    real = report_of(root, "reports/real") if has_real else None
     return to_page(
-        report_of(root), trainings, rounding_table(), sweeps(root), benchmarks, real,
+        report_of(root), trainings, rounding_table(), sweeps(root), benchmarks,
         whole_frame_tables(root),
     )  # fmt: skip
 
@@ -158,10 +156,9 @@ def sweeps(root: Path) -> dict[str, Table]:
     return {path.stem: list(csv.reader(path.read_text().splitlines())) for path in found}
 
 
-def report_of(root: Path, folder: str = "reports") -> AblationReport:
-    """The report recorded in a folder. Raises InputError if there is none, or one of another
-    version."""
-    return read_stage_file(root / folder / "ablation.json", AblationReport, "run `make report`")
+def report_of(root: Path) -> AblationReport:
+    """The recorded report. Raises InputError if there is none, or one of another version."""
+    return read_stage_file(root / "reports/ablation.json", AblationReport, "run `make report`")
 
 
 def contents(folder: Path) -> dict[str, Any]:

@@ -201,7 +201,7 @@ def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
     trainings = [record(row(7)), record(row(8), found=less), record(row(7, "c"), found=less)]
     text = page(*trainings)
     # All detected 2 and 3: tip errors are 2 and 6 mm with seed 7, 5 and 4 mm with seed 8.
-    assert "2 of 4 that all these trainings detected" in text
+    assert "2 of 4 instruments that all these trainings detected" in text
     # Depth errors are 1.5 and 2.5 mm, and 3 and 1 mm. There are no other errors.
     other = "n/a | n/a |"
     assert f"| D | {other} 2.00 ± 0.00 | {other} n/a | 4.25 ± 0.25 |" in text
@@ -210,15 +210,15 @@ def test_errors_are_compared_on_the_instruments_that_all_trainings_found():
 
 def test_trainings_on_other_images_are_not_compared():
     text = page(record(row(7, mAP=0.5)), record(row(8, mAP=0.7), data="other"))
-    assert ": data same.\n" in text and ": data other.\n" in text
+    assert "| data | same | other |\n" in text
     assert "0.949 / 0.500 |" in text and "0.949 / 0.700 |" in text
 
 
 def test_a_page_says_what_sets_scales_apart():
     text = page(record(row(7)), record(row(8, steps=1000), alpha=0.5))
-    assert ": steps 3000, loss.alpha 1.5.\n" in text
-    assert ": steps 1000, loss.alpha 0.5.\n" in text
-    assert "Settings that differ" not in page(record(row(7)), record(row(8)))
+    assert "| Setting | 900 images, 3,000 steps | 900 images, 1,000 steps |\n" in text
+    assert "| steps | 3000 | 1000 |\n| loss.alpha | 1.5 | 0.5 |\n\n" in text
+    assert "Settings in which they differ" not in page(record(row(7)), record(row(8)))
 
 
 def test_a_setting_that_differs_is_named_once():
@@ -226,18 +226,17 @@ def test_a_setting_that_differs_is_named_once():
     sizes = one.recipe["size"] | {"steps": 1000, "width": 1.0}
     text = page(one, replace(record(row(7, steps=1000)), recipe=one.recipe | {"size": sizes}))
     # The steps taken equal the planned steps.
-    assert ": steps 3000, size.width 0.25.\n" in text
-    assert ": steps 1000, size.width 1.0.\n" in text
+    assert "| steps | 3000 | 1000 |\n| size.width | 0.25 | 1.0 |\n\n" in text
 
 
 def test_a_single_training_is_compared_with_no_other():
-    assert "that all these" not in page(record(row(7)))
+    assert "instruments that all these" not in page(record(row(7)))
 
 
 def test_trainings_that_share_no_instrument_have_no_errors_to_compare():
     nothing = FoundInstruments(4, [], {"tip_mm": []})
     text = page(record(row(7)), record(row(8), found=nothing))
-    assert "0 of 4 that all these" in text
+    assert "0 of 4 instruments that all these" in text
     assert f"| D |{' n/a |' * 7}" in text
 
 
