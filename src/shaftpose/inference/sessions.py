@@ -5,6 +5,7 @@ from functools import cache
 import onnxruntime
 
 _MOST_BYTES = 4 * 2**30  # of all tensors in this process
+_AS_REQUESTED = 1  # the arena grows by what is needed, not to the next power of two
 _FATAL = 4  # what is less than that is an exception, too
 # A node of this kind in ONNX's encoding. It may run for ever; no export of this project has one.
 _LOOP = b"\x22\x04Loop"
@@ -38,7 +39,8 @@ def check_model(model: bytes) -> None:
 def _bound_memory() -> None:
     """Let all sessions share one arena of a bounded size."""
     arena = {
-        "max_mem": _MOST_BYTES, "arena_extend_strategy": -1, "initial_chunk_size_bytes": -1,
+        "max_mem": _MOST_BYTES, "arena_extend_strategy": _AS_REQUESTED,
+        "initial_chunk_size_bytes": -1,
         "max_dead_bytes_per_chunk": -1,
     }  # fmt: skip
     memory = onnxruntime.OrtMemoryInfo(
