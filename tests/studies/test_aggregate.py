@@ -191,8 +191,9 @@ def test_the_page_shows_means_with_their_spread_beside_the_paper():
         "900 training images, 100 test images; 3,000 steps of 16 images at width 0.25, "
         "depth 0.5, optimiser Muon, precision 32-true, "
         "learning rate 0.002, batch normalisation frozen in the last "
-        "30%; loss weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5. Seeds: D: 8, 9." in text
+        "30%; loss weights alpha 1.5, gamma 5, beta 1, 1, 2, 2, 0.5.\n" in text
     )
+    assert "Seeds: D: 8, 9.\n" in text
     assert "±" not in page()
 
 
