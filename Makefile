@@ -81,7 +81,8 @@ bench-train: $(READY)  ## measure images/s of the network's step alone and of wh
 
 ui: $(READY)  ## serve mlflow.db, and print the addresses of its tables (a server in tracking.uri has its own pages)
 	@python -m shaftpose.tracking
-	MLFLOW_DISABLE_TELEMETRY=true mlflow ui --host 127.0.0.1 --port 5000 --backend-store-uri sqlite:///mlflow.db
+	MLFLOW_DISABLE_TELEMETRY=true MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false \
+	mlflow ui --host 127.0.0.1 --port 5000 --workers 1 --backend-store-uri sqlite:///mlflow.db
 
 figures: $(READY)  ## draw the pictures of README and docs from the data and reports of `make repro`
 	shaftpose show backgrounds data/backgrounds --out docs/images/backgrounds.jpg --count 18 --columns 6

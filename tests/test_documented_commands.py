@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from dvc.cli import parse_args
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 
 from shaftpose.cli.options import parser
 from shaftpose.settings.compose import composed_settings
@@ -84,14 +85,16 @@ SCRIPTS = [one for name in sorted((ROOT / "pipelines").glob("*.py"))
 def test_the_settings_exist(words: list[str]) -> None:
     given = [word.replace("NAME", "d") for word in words[2:] if "=" in word]
     parsed = OverridesParser.create().parse_overrides(given)
-    first = [
-        f"{one.get_key_element()}={next(one.sweep_string_iterator())}"
-        if one.is_sweep_override()
-        else one.input_line
-        for one in parsed
-        if not one.key_or_group.startswith("hydra")
-    ]
-    composed_settings(ROOT, *first)
+    composed_settings(ROOT, *(first(o) for o in parsed if not o.key_or_group.startswith("hydra")))
+
+
+def first(override: Override) -> str:
+    """An override, and of one with several values the first one."""
+    if not override.is_sweep_override():
+        return override.input_line
+    interval = override.is_interval_sweep()
+    value = override.value().start if interval else next(override.sweep_string_iterator())
+    return f"{override.get_key_element()}={value}"
 
 
 def test_commands_are_found() -> None:

@@ -62,7 +62,7 @@ class OptunaSearch(Sweeper):
 
 
 def distribution(override: Override) -> "BaseDistribution":
-    """The values of a swept setting: an interval, of integers with `int(interval())`, or choices."""
+    """The values of a swept setting: an interval, of integers if its ends are, or choices."""
     from optuna import distributions
 
     if not override.is_interval_sweep():

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import mlflow
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra_plugins.optuna_search import OptunaSearch, distribution, objectives, overrides
 from omegaconf import OmegaConf
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
+from hydra_plugins.optuna_search import OptunaSearch, distribution, objectives, overrides
 from shaftpose.tracking.sweeps import start_sweep
 from shaftpose.tracking.trainings import training_run
 

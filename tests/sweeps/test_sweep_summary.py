@@ -1,5 +1,6 @@
 """The summary of a sweep, in the console, its folder and MLflow."""
 
+import re
 from pathlib import Path
 
 import mlflow
@@ -59,7 +60,18 @@ def test_the_parent_run_holds_the_sweeps_summary(sweep: Path) -> None:
     assert best.data.tags["best"] == "best"
     assert "loss.alpha=0.5 loss.gamma=5" in parent.data.tags["mlflow.note.content"]
     files = {one.path for one in mlflow.MlflowClient().list_artifacts(parent.info.run_id)}
-    assert files == {"sweep.csv", "sweep_lines.png", "sweep_maps.png"}
+    assert files == {"sweep.html", "sweep.csv", "sweep_lines.png", "sweep_maps.png"}
+
+
+def test_a_sweeps_page_shows_the_best_job_first(sweep: Path) -> None:
+    summarise(sweep, margin=0.02)
+    page = (sweep / "sweep.html").read_text()
+    assert '<div class="best">d  alpha=0.5 gamma=5</div>' in page
+    rows = re.findall("<tr>(.*)</tr>", page)
+    assert [re.findall("<td>(.*?)</td>", row) for row in rows[1:3]] == [
+        ["0.5", "5", "0.950", "n/a", "6.00", "n/a"], ["1.5", "5", "0.970", "n/a", "n/a", "n/a"],
+    ]  # fmt: skip
+    assert page.count("data:image/png;base64,") == 2
 
 
 def test_a_sweep_without_finished_jobs_has_no_summary(

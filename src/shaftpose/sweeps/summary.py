@@ -9,6 +9,7 @@ from shaftpose.figures.text import aligned
 from shaftpose.metrics.best import best_of
 from shaftpose.metrics.table import MetricValues, metrics_named
 from shaftpose.sweeps.jobs import SweepJob, swept_parameters
+from shaftpose.sweeps.page import Page, write_page
 from shaftpose.sweeps.table import METRICS, sweep_figures, write_table
 from shaftpose.tracking.sweeps import SweepRun, add_summary, read_sweep, sweep_runs
 from shaftpose.tracking.views import view_link
@@ -18,7 +19,7 @@ SHOWN = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
 
 
 def summarise(folder: Path, margin: float) -> None:
-    """Print the finished jobs, write `sweep.csv` and pictures to `folder`, and track them.
+    """Print the finished jobs, write page, table and pictures to `folder`, and track them.
 
     margin: in mAP, within which the tip decides, see `best_of`. Prints nothing without a job.
     """
@@ -28,14 +29,23 @@ def summarise(folder: Path, margin: float) -> None:
         return
     best = best_run(runs, margin)
     names, rows = table(runs, best)
-    files = write_files(runs, folder)
-    command = full_training(best)
-    add_summary(sweep, runs, best, tuple(names[1 : -len(SHOWN)]), command, files)
+    page = Page(
+        sweep=folder.name,
+        best=best.name,
+        rule=f"lowest tip error where mAP is within {margin:g} of the highest",
+        command=full_training(best),
+        headings=[*names[1 : -len(SHOWN)], *(metric.heading for metric in SHOWN)],
+        rows=[row[1:] for row in rows],
+        link=view_link(sweep.experiment),
+    )
+    files = write_files(runs, folder, page)
+    add_summary(sweep, runs, best, tuple(names[1 : -len(SHOWN)]), page.command, files)
     print(f"{aligned(names, rows)}\n")
-    print(f"best: lowest tip error where mAP is within {margin:g} of the highest")
-    print(f"at full length: {command}")
-    print(f"table and figures: {', '.join(map(str, files))}")
-    print(f"MLflow: {view_link(sweep.experiment)} (make ui)")
+    print(f"best: {page.rule}")
+    print(f"at full length: {page.command}")
+    print(f"page: {files[0]}")
+    print(f"table and figures: {', '.join(map(str, files[1:]))}")
+    print(f"MLflow: {page.link} (make ui)")
 
 
 def best_run(runs: Sequence[SweepRun], margin: float) -> SweepRun:
@@ -76,11 +86,12 @@ def full_training(best: SweepRun) -> str:
     return shlex.join(["python", "pipelines/train.py", *kept])
 
 
-def write_files(runs: Sequence[SweepRun], folder: Path) -> list[Path]:
-    """Write the table and the figures of a sweep to its folder; returns their paths."""
+def write_files(runs: Sequence[SweepRun], folder: Path, page: Page) -> list[Path]:
+    """Write page, table and figures of a sweep to its folder; returns their paths."""
     jobs = [SweepJob(run.parameters, run.metrics, run.steps) for run in runs]
     write_table(jobs, folder / "sweep.csv")
     figures = {folder / f"sweep_{name}.png": one for name, one in sweep_figures(jobs).items()}
     for path, figure in figures.items():
         save_figure(figure, path)
-    return [folder / "sweep.csv", *figures]
+    write_page(page, list(figures), folder / "sweep.html")
+    return [folder / "sweep.html", folder / "sweep.csv", *figures]
