@@ -27,7 +27,7 @@ from shaftpose.refinement.straight_runs import Run, straight_runs
 from shaftpose.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
-# In pixels of each image. More are slower, and better only on clean images (docs/beyond.md).
+# In pixels of each image. More are slower, and better only on clean images.
 _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)

@@ -21,7 +21,7 @@ _BESIDE_PX = 8.0  # distance from a tip up to which a cell has a small weight in
 # Cells that give a shaft's direction: next to its tip, with an exact vote.
 _NEAR_PX, _NEAR_VOTE_PX = 12.0, 8.0
 # Distance from a shaft's axis that counts as much as a vote at its limit: this plus a share of the
-# distance along the axis (docs/beyond.md, "Touching shafts").
+# distance along the axis. So touching shafts stay apart.
 _ACROSS_PX, _ACROSS_SHARE = 48.0, 0.8
 
 
