@@ -23,7 +23,8 @@ SIZES = (
     "profile=smoke", "profiles.smoke.steps=1", "variant.start=null", "trainer=cpu",
     "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=2", "training.loader_workers=0",
 )  # fmt: skip
-SWEEP = ("-m", "hydra.sweep.dir=sweeps/mine", "loss.alpha=0.5,2.0", *SIZES)
+SWEEP = ("hydra.sweep.dir=sweeps/mine", "loss.alpha=0.5,2.0")
+SEARCH = ("hydra/sweeper=optuna", "hydra.sweep.dir=sweeps/search", "loss.alpha=interval(0.5,2.0)")
 
 
 def run_stage(settings: Settings) -> dict[str, Any]:
@@ -121,19 +122,19 @@ def test_an_interrupted_training_leaves_no_result_of_another(
     assert not (tmp_path / "training.json").exists()
 
 
-def start_sweep(project: Path) -> subprocess.Popen[str]:
+def start_sweep(project: Path, *overrides: str) -> subprocess.Popen[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     environment.pop("MLFLOW_TRACKING_URI", None)
     return subprocess.Popen(
-        [sys.executable, str(ROOT / "pipelines/train.py"), *SWEEP],
+        [sys.executable, str(ROOT / "pipelines/train.py"), "-m", *SIZES, *overrides],
         cwd=project, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
 
 def test_an_interrupted_sweep_goes_on(inside: Path) -> None:
-    first = kill_when(start_sweep(inside), "sweeps/mine/0/training.json", inside)
+    first = kill_when(start_sweep(inside, *SWEEP), "sweeps/mine/0/training.json", inside)
     first_id = json.loads(first.read_text())["training_id"]
-    process = start_sweep(inside)
+    process = start_sweep(inside, *SWEEP)
     output, _ = process.communicate()
     assert process.returncode == 0, output
     assert output.count(": finished; its result is in") == 1
@@ -144,3 +145,14 @@ def test_an_interrupted_sweep_goes_on(inside: Path) -> None:
     (parent,) = [run.info.run_id for run in runs if "shaftpose.sweep" in run.data.tags]
     nested = [run for run in runs if run.data.tags.get("mlflow.parentRunId") == parent]
     assert sorted(run.data.params["loss.alpha"] for run in nested) == ["0.5", "2.0"]
+
+
+def test_a_search_that_is_started_again_repeats_no_job(inside: Path) -> None:
+    for trials in (1, 2):
+        process = start_sweep(inside, *SEARCH, f"hydra.sweeper.trials={trials}")
+        output, _ = process.communicate()
+        assert process.returncode == 0, output
+        assert output.count(": finished; its result is in") == trials - 1
+    records = [(inside / f"sweeps/search/{job}/training.json").read_text() for job in range(2)]
+    first, second = (json.loads(record)["variant"]["loss"]["alpha"] for record in records)
+    assert 0.5 <= first != second <= 2.0
