@@ -73,6 +73,14 @@ def test_a_missing_image_is_named(tmp_path: Path) -> None:
     assert f"images[1].file_name = 'images/a.jpg': no such file in {tmp_path}" in complaint(path)
 
 
+@pytest.mark.parametrize("side", [10**7, 10**40])
+def test_an_image_that_is_too_large_is_named(tmp_path: Path, side: int) -> None:
+    content = coco_content()
+    content["images"][1]["height"] = side
+    words = complaint(write_dataset(tmp_path, content))
+    assert f"images[1]: states {content['images'][1]['width']} x {side} px, more than" in words
+
+
 @pytest.mark.parametrize("text", ["", "{", "images: []", "\x00", "[" * 10_000 + "]" * 10_000])
 def test_no_json_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "test.json"

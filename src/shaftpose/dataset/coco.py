@@ -14,6 +14,7 @@ import numpy as np
 import pydantic
 from pydantic import AliasPath, ConfigDict, Field
 
+from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.dataset.coco_images import (
@@ -135,6 +136,11 @@ def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry
     for n, values in enumerate(images):
         where = f"{path}: images[{n}]"
         entry = parse(_ImageEntry, values, f"{where}.")
+        if entry.width * entry.height > int(os.environ[MOST_PIXELS]):  # of its masks, too
+            raise InputError(
+                f"{where}: states {entry.width} x {entry.height} px, more than "
+                f"{os.environ[MOST_PIXELS]} in all; fix width and height, or set {MOST_PIXELS}"
+            )
         if entry.id in entries:
             raise InputError(f"{where}.id = {entry.id}: another image has this id; change one")
         file = _file_of(entry.file_name, path.parent, f"{where}.file_name")
