@@ -16,9 +16,6 @@ PAPERS, ALL = {"b", "c", "d"}, {"b", "c", "d", "e"}
 RULES: dict[str, set[str]] = {
     "": set(),
     "core/geometry.py": ALL,
-    "core/image_formats.py": ALL,
-    "core/image_oddities.py": ALL,
-    "core/image_parts.py": ALL,
     "core/images.py": ALL,
     "core/instruments.py": ALL,
     "core/masks.py": ALL,
