@@ -639,7 +639,7 @@ def test_a_failing_shard_names_the_file_and_keeps_finished_shards(
 ) -> None:
     good, bad = a_good_and_a_bad(backgrounds, tmp_path)
     rendered = one_image_per_shard(with_scene(instruments=(1, 1)), good, bad)
-    with pytest.raises(InputError, match="not a readable image") as caught:
+    with pytest.raises(InputError, match="damaged; delete it") as caught:
         render(rendered, tmp_path, lone_client)
     assert str(bad) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -663,7 +663,7 @@ def test_a_failing_shard_ends_all_others(
     run = background(rendered, tmp_path, client)
     (other,) = wait_until(lambda: blenders(tmp_path, "shard-000001"))
     other.suspend()  # it would never end by itself
-    with pytest.raises(InputError, match="not a readable image"):
+    with pytest.raises(InputError, match="damaged; delete it"):
         run.result(PATIENCE_S)
     wait_until(lambda: has_ended(other))
     assert not (tmp_path / "out").exists()

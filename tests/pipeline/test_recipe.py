@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.images import write_jpeg
 from shaftpose.core.shard_writer import shard_name
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.training import resume
 from shaftpose.training.fingerprint import data_record, fingerprint
 from shaftpose.training.recipe import Recipe
@@ -42,24 +44,32 @@ def with_changes(recipe: Recipe, changed: dict[str, Any]) -> Recipe:
 
 
 @pytest.mark.parametrize(
-    ("name", "mixed_in"),
+    "name",
     [
-        (f"data/render/images/{shard_name(1)}", False),
-        ("data/split/train.csv", False),
-        ("data/split/validation.csv", False),
-        ("data/real/images/1.jpg", True),
+        f"data/render/images/{shard_name(1)}",
+        "data/split/train.csv",
+        "data/split/validation.csv",
     ],
 )
-def test_other_data_make_another_training(
-    inside: Path, recipe: Recipe, name: str, mixed_in: bool
-) -> None:
-    before = fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None))
+def test_other_data_make_another_training(inside: Path, recipe: Recipe, name: str) -> None:
+    before = fingerprint(recipe, data_record(FOLDERS, False, start=None))
     content = (inside / name).read_bytes()
     (inside / name).write_bytes(content + b" ")
-    after = fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None))
+    after = fingerprint(recipe, data_record(FOLDERS, False, start=None))
     (inside / name).write_bytes(content)
     assert after != before
-    assert fingerprint(recipe, data_record(FOLDERS, mixed_in, start=None)) == before
+    assert fingerprint(recipe, data_record(FOLDERS, False, start=None)) == before
+
+
+def test_another_real_image_makes_another_training(inside: Path, recipe: Recipe) -> None:
+    image = inside / "data/real/images/1.jpg"
+    before = fingerprint(recipe, data_record(FOLDERS, True, start=None))
+    content = image.read_bytes()
+    write_jpeg(255 - read_rgb(image), image)
+    after = fingerprint(recipe, data_record(FOLDERS, True, start=None))
+    image.write_bytes(content)
+    assert after != before
+    assert fingerprint(recipe, data_record(FOLDERS, True, start=None)) == before
 
 
 def test_another_detector_to_start_from_makes_another_training(
