@@ -1,17 +1,14 @@
 """The ablation report as Markdown, as one HTML file made from it, and as JSON."""
 
-import base64
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from importlib import resources
 from pathlib import Path
 
-from jinja2 import Environment, StrictUndefined
 from markdown_it import MarkdownIt
 
-from shaftpose.core.errors import InputError
+from shaftpose.figures.html_pages import data_uri, html_template
 from shaftpose.figures.markdown import escape, pipe_table
 from shaftpose.metrics.table import MetricValues, metrics_named
 from shaftpose.report import accuracy_tables, paper_numbers, silhouette_tables, training_tables
@@ -100,27 +97,14 @@ def to_html(
     figures: title -> picture, to be embedded; strips: the same, of each variant's predictions on
     the same images; links: title -> address of a training in MLflow.
     """
-    template = resources.files("shaftpose.report").joinpath("report.html.j2").read_text("utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     renderer = MarkdownIt("commonmark", {"html": False}).enable("table")
-    return environment.from_string(template).render(
+    return html_template("shaftpose.report", "report.html.j2").render(
         title=TITLE,
         sections=[(one.title, renderer.render(one.text)) for one in sections(report)],
-        figures={title: _data_uri(path) for title, path in figures.items()},
-        strips={title: _data_uri(path) for title, path in strips.items()},
+        figures={title: data_uri(path) for title, path in figures.items()},
+        strips={title: data_uri(path) for title, path in strips.items()},
         links=links,
     )
-
-
-def _data_uri(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: the report's figure cannot be read: draw it first") from error
-    kind = "png" if path.suffix == ".png" else "jpeg"
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def to_json(report: AblationReport) -> str:
