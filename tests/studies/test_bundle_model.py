@@ -81,6 +81,7 @@ def test_a_model_of_real_images_names_its_encoder_and_whose_they_are(training: P
     result = json.loads(path.read_text())
     result["training"]["data"]["mixed_in"]["domain"] = "real"
     result["training"]["variant"]["network"]["encoder"] = "lite0"
+    result["training"]["variant"]["average_share"] = 0.5
     path.write_text(json.dumps(result))
     root = training.parents[1] / "root"
     bundle_model.bundle(training, training, root, "other", "Frames: somebody, MIT")
@@ -88,6 +89,7 @@ def test_a_model_of_real_images_names_its_encoder_and_whose_they_are(training: P
     assert card.startswith("# Model card: other\n")
     assert "with `--model other`" in card
     assert "EfficientNet-lite0 has learned on ImageNet" in card
+    assert "averaged with those after them; share of the latter: 0.5\n" in card
     assert "docs/real_images.md" in card and "Real images were not measured" not in card
     assert card.endswith("Images that it was trained with:\n\nFrames: somebody, MIT\n")
 

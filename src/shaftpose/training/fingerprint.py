@@ -63,11 +63,16 @@ def data_record(folders: DataFolders, mixed_in: bool, start: Path | None) -> Dat
     if start is not None and not start.is_file():
         raise InputError(f"{start}: no such detector to start from; run `dvc repro detector`")
     return DataRecord(
-        start=None if start is None else _digest("", [start]),
+        start=None if start is None else start_digest(start),
         training_images=len(read_keys(folders.split, "train")),
         digest=rendered_digest(folders.rendered, folders.split),
         mixed_in=_mixed_in(folders) if mixed_in else None,
     )
+
+
+def start_digest(checkpoint: Path) -> str:
+    """Hexadecimal digest of the checkpoint that a training starts from."""
+    return _digest("", [checkpoint])
 
 
 def _mixed_in(folders: DataFolders) -> MixedInImages:
