@@ -1,5 +1,6 @@
 """A user's camera from OpenCV's calibration file, or from a stated view angle."""
 
+import re
 from pathlib import Path
 
 import cv2
@@ -181,7 +182,7 @@ def test_ros_names_the_lens(model: str, fisheye: bool, path: Path) -> None:
     assert camera(640, 480).fisheye is fisheye
 
 
-# As `rostopic echo /camera_info` prints it; ROS 2 has lower-case names.
+# As `rostopic echo /camera_info` prints it.
 MESSAGE = """header:
   frame_id: "endoscope"
 height: 480
@@ -196,7 +197,16 @@ roi:
 """
 
 
-@pytest.mark.parametrize("text", [MESSAGE, MESSAGE.replace("D:", "d:").replace("K:", "k:")])
+def ros_2(message: str) -> str:
+    """The message as `ros2 topic echo` prints it: in lower case, an item of a list in each line."""
+
+    def lines(found: re.Match[str]) -> str:
+        return f"{found[1].lower()}:\n- " + "\n- ".join(found[2].split(", "))
+
+    return re.sub(r"^([DK]): \[(.*)\]", lines, message, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("text", [MESSAGE, ros_2(MESSAGE)])
 @pytest.mark.parametrize("begin", ["", "---\n", "\ufeff"])
 def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
     path.write_text(begin + text, encoding="utf-8")

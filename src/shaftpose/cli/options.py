@@ -183,7 +183,7 @@ _COMMANDS: dict[str, tuple[str, str, Callable[[argparse.ArgumentParser], None]]]
     ),
     "check": (
         "test whether this machine can predict, and what a camera sees",
-        "example: shaftpose check --camera cam.yaml --model laparoscopy",
+        "example: shaftpose check --camera cam.yaml --model models/e/model.onnx",
         _add_check,
     ),
 }

@@ -1,5 +1,6 @@
 """The user's camera: a calibration file of OpenCV or ROS, or a stated view angle."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,6 +125,8 @@ def _opened(path: Path) -> cv2.FileStorage:
         raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
     if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
         message = text.strip().removeprefix("---").removesuffix("---")  # as `rostopic echo` ends it
+        # OpenCV's parser wants the items of a list, as `ros2 topic echo` writes it, indented.
+        message = re.sub("^- ", "  - ", message, flags=re.MULTILINE)
         text = f"%YAML:1.0\n---\n{message}\n"
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     if not storage.root().isMap():
