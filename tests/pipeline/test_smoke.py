@@ -184,7 +184,8 @@ def test_trainings_of_a_sweep_are_recorded_at_the_confidence_of_their_models(
     assert record["row"]["steps"] == 6
     assert record["recipe"]["detection"]["confidence_threshold"] is None
     assert 0 < record["row"]["metrics"]["confidence"] < 0.99
-    compared = run("python", "-m", "studies.compare_runs", "sweeps/alpha/0", "--out", "reports/again")
+    where = ["sweeps/alpha/0", "--out", "reports/again"]
+    compared = run("python", "-m", "studies.compare_runs", *where)
     assert compared.returncode == 0, compared.stderr[-3000:]
     rows = json.loads((finished / "reports/again/ablation.json").read_text())["rows"]
     assert [row["variant"] for row in rows] == ["c sweeps/alpha/0"]
