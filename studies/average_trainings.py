@@ -3,7 +3,8 @@
 `python -m studies.average_trainings models/e_real models/steel --out models/both`: a network that
 goes on learning from other images forgets some of what it knew; half way between its weights before
 and after, it keeps most of both (Wortsman et al., Robust Fine-Tuning of Zero-Shot Models, CVPR
-2022). The result is the folder of a training, to be exported and evaluated like any other.
+2022). E's edge reader, a network of its own, is that of the later training: its mean is less exact.
+The result is the folder of a training, to be exported and evaluated like any other.
 """
 
 import argparse
@@ -19,11 +20,13 @@ from torch import Tensor
 
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import new_file, write_json
-from shaftpose.network.checkpoint import identity_of
+from shaftpose.network.checkpoint import WEIGHT_PREFIX, identity_of
 from shaftpose.stage_files import TrainingRecord
 from shaftpose.training.fingerprint import start_digest
 from shaftpose.training.run import CHECKPOINT, CURVES, RECORD
 from studies.evaluate_trainings import finished
+
+EDGES = f"{WEIGHT_PREFIX}edges."
 
 
 def main() -> None:
@@ -63,9 +66,12 @@ def average(before: Path, after: Path, out: Path, share: float = 0.5) -> None:
 
 
 def mean(old: Mapping[str, Tensor], new: Mapping[str, Tensor], share: float) -> dict[str, Tensor]:
-    """The mean of weights and statistics, `share` of it from `new`; counters are those of `new`."""
+    """The mean of weights and statistics, `share` of it from `new`; an edge reader and counters are
+    those of `new`."""
     return {
-        name: old[name].lerp(value, share) if value.is_floating_point() else value
+        name: value
+        if name.startswith(EDGES) or not value.is_floating_point()
+        else old[name].lerp(value, share)
         for name, value in new.items()
     }
 

@@ -15,9 +15,13 @@ from tests.evaluations import TRAINING
 
 
 def write(folder: Path, weight: float, steps: int, start: str | None) -> Path:
-    """The folder of a training whose network has one weight and one counter."""
+    """The folder of a training whose network has a weight, an edge reader's and a counter."""
     folder.mkdir()
-    state = {"network.a": torch.tensor([weight]), "network.steps": torch.tensor(steps)}
+    state = {
+        "network.a": torch.tensor([weight]),
+        "network.edges.b": torch.tensor([weight]),
+        "network.steps": torch.tensor(steps),
+    }
     torch.save({"identity": {"variant": "e"}, "state_dict": state}, folder / "model.ckpt")
     (folder / "curves.csv").write_text(f"step,name,value\n{steps},validation/mAP,0.5\n")
     record = replace(TRAINING, steps=steps, data=replace(TRAINING.data, start=start))
@@ -43,6 +47,7 @@ def test_weights_lie_between_both(before: Path, after: Path, share: float, weigh
     average(before, after, out, share)
     checkpoint = torch.load(out / "model.ckpt", weights_only=True)
     assert checkpoint["state_dict"]["network.a"].tolist() == [weight]
+    assert checkpoint["state_dict"]["network.edges.b"].tolist() == [3.0]
     assert checkpoint["state_dict"]["network.steps"].item() == 20
     assert checkpoint["identity"] == {"variant": "e"}
     assert (out / "curves.csv").read_text() == (after / "curves.csv").read_text()

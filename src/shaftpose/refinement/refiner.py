@@ -36,14 +36,14 @@ _STARTS, _RESIDUAL_PX = 4, 4.0  # pitches from which the fit to the mask starts,
 # shows a shaft that widens more.
 _BEYOND_DEG = 15.0
 _NEAR_RUN = 0.5  # widths: a pose so near to a run may lie on it
-_READER_ERRORS = EdgeErrors(understated=12.0)
+_READER_UNDERSTATED = 14.0  # see `EdgeErrors`, with one pixel for each of the model's
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
 # Least information per px of a seen tip's arc, from the mask and from the reader; a tip nearer to
 # the border than this is outside; and the standard deviation, along the axis, of a tip that is not
 # seen, px of the model's image. Measured on renders with and without occluders (docs/beyond.md).
-_LEAST_ARC, _LEAST_READ_ARC = 0.2, 25.0
+_LEAST_ARC, _LEAST_READ_ARC = 0.2, 40.0
 _AT_BORDER_PX, _HIDDEN_PX = 1.0, 70.0
 # Least score of a detection that explains the run of the mask on which it lies; the score of a
 # shaft that only the mask shows; and the factor of detections that lie on no run (docs/beyond.md).
@@ -231,8 +231,10 @@ class Refiner:
         times = picture.shape[1] // camera.width
         search = leaving_out(others, partial(self.edges, picture), times)
         enlarged = camera.enlarged(times)
+        # The outline has the same samples in more pixels, of which each then tells less.
+        errors = EdgeErrors(understated=_READER_UNDERSTATED * times**0.5)
         return fit_pose(
-            start.pose, self.shaft, enlarged, search, _EDGE_STAGES, _READER_ERRORS,
+            start.pose, self.shaft, enlarged, search, _EDGE_STAGES, errors,
             prior.information_in(enlarged), prior.pose, self._pitches_deg,
         )  # fmt: skip
 
