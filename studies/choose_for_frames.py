@@ -3,7 +3,9 @@
 `python -m studies.choose_for_frames models/e_real/model.onnx --data FOLDER` takes the frames of
 `FOLDER/validation.json` from `shaftpose real fetch`. It stores in the file the shorter side of what
 the network sees of a frame, and the threshold, that together have the best F1 of axes. The
-threshold replaces the one that the export has chosen by rendered images.
+threshold replaces the one that the export has chosen by rendered images. With `--edge-reader-of`,
+the model first takes the edge reader of another one: trained with sharp renders alone, a reader is
+more exact.
 """
 
 import argparse
@@ -16,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shaftpose.core.errors import exit_on_input_error
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.evaluation.frame_results import compared_frames
@@ -44,10 +46,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("model", type=Path, help="an exported file")
     parser.add_argument("--data", type=Path, required=True, help="of `shaftpose real fetch`")
+    parser.add_argument(
+        "--edge-reader-of", type=Path, metavar="MODEL", help="exported file with a better one"
+    )
     options = parser.parse_args()
     with exit_on_input_error():
+        if options.edge_reader_of is not None:
+            take_edge_reader(options.model, options.edge_reader_of)
         best = choose(options.model, options.data)
         print(f"{options.model}: stored {best.frame_px} px and threshold {best.threshold:.3f}")
+
+
+def take_edge_reader(model: Path, other: Path) -> None:
+    """Replace a model's edge reader by that of another one. Raises InputError if it has none."""
+    reader = Predictor(other).metadata.edge_reader
+    if reader is None:
+        raise InputError(f"{other}: has no edge reader; name a model of variant e or e_real")
+    store_metadata(model, replace(Predictor(model).metadata, edge_reader=reader))
 
 
 def choose(model: Path, data: Path) -> Choice:

@@ -1,6 +1,8 @@
 """The command that measures models on real frames, its record of test runs, and the page."""
 
 import json
+import shutil
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -16,11 +18,11 @@ from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
 from shaftpose.stage_files import read_stage_file
 from studies import real_frames
-from studies.choose_for_frames import choose
+from studies.choose_for_frames import choose, take_edge_reader
 from studies.frame_tables import frame_blocks, runs_sentence
 from studies.real_frames import Run, Runs, label, measure, runs_of
 from studies.write_results_page import REAL, real_images
-from tests.conftest import SCORES, SIDE
+from tests.conftest import SCORES, SIDE, constant_edge_reader
 
 ROOT = Path(__file__).parents[2]
 # The first detection of `constant_model`, and its tip.
@@ -82,6 +84,17 @@ def test_a_threshold_is_chosen_by_the_axes_of_the_validation_part(model: str, da
     assert second < choice.threshold == pytest.approx(first)
     assert choice.frame_px is None  # the model takes images of one size
     assert Predictor(Path(model)).confidence == choice.threshold
+
+
+def test_a_model_takes_the_edge_reader_of_another_one(model: str, tmp_path: Path) -> None:
+    own, reader = Predictor(Path(model)).metadata, constant_edge_reader(2.0, 0.0)
+    other = Path(shutil.copy(model, tmp_path / "other.onnx"))
+    store_metadata(other, replace(own, confidence=0.7, edge_reader=reader))
+    take_edge_reader(Path(model), other)
+    assert Predictor(Path(model)).metadata == replace(own, edge_reader=reader)
+    store_metadata(other, own)
+    with pytest.raises(InputError, match=r"other\.onnx: has no edge reader; name a model of"):
+        take_edge_reader(Path(model), other)
 
 
 def test_the_test_part_is_run_once(model: str, data: Path, tmp_path: Path) -> None:
