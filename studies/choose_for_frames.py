@@ -2,10 +2,10 @@
 
 `python -m studies.choose_for_frames models/e_real/model.onnx --data FOLDER` takes the frames of
 `FOLDER/validation.json` from `shaftpose real fetch`. It stores in the file the shorter side of what
-the network sees of a frame, and the threshold, that together have the best F1 of axes. The
-threshold replaces the one that the export has chosen by rendered images. With `--edge-reader-of`,
-the model first takes the edge reader of another one: trained with sharp renders alone, a reader is
-more exact.
+the network sees of a frame, and the threshold, that together have the best mean of the F1 of boxes,
+masks and axes: by one of them alone, too few shafts would choose. The threshold replaces the one
+that the export has chosen by rendered images. With `--edge-reader-of`, the model first takes the
+edge reader of another one: trained with sharp renders alone, a reader is more exact.
 """
 
 import argparse
@@ -26,14 +26,15 @@ from shaftpose.evaluation.whole_frames import FrameModel
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.detection.precision_recall import best_confidence, f1_scores
+from shaftpose.metrics.detection.precision_recall import f1_scores
 from shaftpose.metrics.frames.ranking import Ranked
 
 SIDES_PX = 200, 240, 270, 299
+MEASURES = "box", "mask", "axis"
 
 
 class Choice(NamedTuple):
-    """F1 of axes on the validation frames, the shorter side that the model sees of them, None if
+    """Mean F1 on the validation frames, the shorter side that the model sees of them, None if
     its size is fixed, and the confidence threshold."""
 
     f1: float
@@ -82,9 +83,14 @@ def _tried(
         copy = Path(shutil.copy(model, scratch))
         store_metadata(copy, _with(predictor, side_px, predictor.confidence))
         frames = compared_frames(FrameModel(str(copy)), images)
-    curve = Ranked(frames, "axis", None).curve(np.ones(len(frames)))
-    choice = Choice(float(f1_scores(curve).max(initial=0.0)), side_px, best_confidence(curve))
-    print(f"{side_px} px: F1 of axes {choice.f1:.3f} at threshold {choice.threshold:.3f}")
+    # All have the same detections in the same order.
+    curves = [Ranked(frames, kind, None).curve(np.ones(len(frames))) for kind in MEASURES]
+    f1 = np.mean([f1_scores(curve) for curve in curves], axis=0)
+    if not f1.any():
+        return Choice(0.0, side_px, predictor.confidence)
+    best = int(f1.argmax())
+    choice = Choice(float(f1[best]), side_px, float(curves[0].scores[best]))
+    print(f"{side_px} px: mean F1 {choice.f1:.3f} at threshold {choice.threshold:.3f}")
     return choice
 
 
