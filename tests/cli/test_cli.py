@@ -478,16 +478,16 @@ def test_models_prints_the_facts_and_the_card_of_one(capsys: pytest.CaptureFixtu
 def test_check_says_what_prediction_needs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # 480 px become 299.
+    # 480 px become 270.
     calibration = tmp_path / "cam.yaml"
     calibration.write_text(PINHOLE)
     main(["check", "--camera", str(calibration)])
     printed = capsys.readouterr().out
     assert "this machine can predict" in printed
-    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 398 x 299" in (
+    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 359 x 270" in (
         printed
     )
-    assert "1.6 px of the frame in one; to train" in printed
+    assert "1.8 px of the frame in one; to train" in printed
     assert "set camera.view_deg to 90.0\n" in printed
     monkeypatch.setitem(sys.modules, "tqdm", None)
     with pytest.raises(SystemExit, match="^error: cannot predict here: packages; see"):
@@ -500,10 +500,10 @@ def test_check_takes_another_model(
 ) -> None:
     calibration = tmp_path / "cam.yaml"
     calibration.write_text(PINHOLE)  # of 90 deg
-    main(["check", "--camera", str(calibration), "--model", "laparoscopy"])
+    main(["check", "--camera", str(calibration), "--model", str(model)])
     printed = capsys.readouterr().out
-    assert re.search(r"^model: laparoscopy, \d+ images of 299 px per second$", printed, re.M)
-    assert "laparoscopy sees them as 360 x 270 px, 1.8 px of the frame in one; to train" in printed
+    assert re.search(rf"^model: {re.escape(str(model))}, \d+ images of 299 px", printed, re.M)
+    assert f"{model} sees them" in printed
     model.write_bytes(b"no model")
     with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):
         main(["check", "--model", str(model)])
