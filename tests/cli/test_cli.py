@@ -484,7 +484,7 @@ def test_check_says_what_prediction_needs(
     main(["check", "--camera", str(calibration)])
     printed = capsys.readouterr().out
     assert "this machine can predict" in printed
-    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 359 x 270" in (
+    assert "camera: frames of 640 x 480 px (5 coefficients); shaftpose sees them as 360 x 270" in (
         printed
     )
     assert "1.8 px of the frame in one; to train" in printed
