@@ -1,10 +1,10 @@
 """Average the weights of a training with those of the training that it started from.
 
-`python -m studies.average_trainings models/e_real models/steel --out models/both`: a network that
-goes on learning from other images forgets some of what it knew; half way between its weights before
-and after, it keeps most of both (Wortsman et al., Robust Fine-Tuning of Zero-Shot Models, CVPR
-2022). E's edge reader, a network of its own, is that of the later training: its mean is less exact.
-The result is the folder of a training, to be exported and evaluated like any other.
+`python -m studies.average_trainings models/operations models/steel --out models/e_real`: a network
+that goes on learning from other images forgets some of what it knew; half way between its weights
+before and after, it keeps most of both (Wortsman et al., Robust Fine-Tuning of Zero-Shot Models,
+CVPR 2022). E's edge reader, a network of its own, is that of the later training: its mean is less
+exact. The result is the folder of a training, to be exported and evaluated like any other.
 """
 
 import argparse
@@ -45,24 +45,29 @@ def main() -> None:
 def average(before: Path, after: Path, out: Path, share: float = 0.5) -> None:
     """Write the average as checkpoint, curves and record of `after`, to `out`.
 
-    Raises InputError if `share` is not between 0 and 1, or `after` did not start from `before`: the
-    mean of two trainings without a common start is no network that works.
+    Raises InputError if `share` is not between 0 and 1, `out` is one of both, or `after` did not
+    start from the same network in `before`: the mean of trainings without a common start does not
+    work.
     """
     if not 0 < share < 1:
         raise InputError(f"--share {share}: give a number between 0 and 1, both left out")
+    if out.resolve() in (before.resolve(), after.resolve()):
+        raise InputError(f"--out {out}: holds one of both trainings; name another folder")
     paths = before / CHECKPOINT, after / CHECKPOINT
-    for path in paths:
-        identity_of(path)  # refuses what is no checkpoint
-    record = finished(after)
-    if record.data.start != start_digest(paths[0]):
-        raise InputError(f"{after}: did not start from {paths[0]}; name the folder that it did")
+    same = identity_of(paths[0]) == identity_of(paths[1])
+    records = finished(before), finished(after)
+    if not same or records[1].data.start != start_digest(paths[0]):
+        raise InputError(
+            f"{after}: did not start from the same network in {paths[0]}; name the one it did"
+        )
     old, new = (torch.load(path, map_location="cpu", weights_only=True) for path in paths)
     weights = mean(old["state_dict"], new["state_dict"], share)
     out.mkdir(parents=True, exist_ok=True)
     with new_file(out / CHECKPOINT) as part:
         torch.save({**new, "state_dict": weights}, part)
-    shutil.copyfile(after / CURVES, out / CURVES)
-    write_json(out / RECORD, asdict(of_average(finished(before), record, share)))
+    with new_file(out / CURVES) as part:
+        shutil.copyfile(after / CURVES, part)
+    write_json(out / RECORD, asdict(of_average(*records, share)))
 
 
 def mean(old: Mapping[str, Tensor], new: Mapping[str, Tensor], share: float) -> dict[str, Tensor]:

@@ -138,7 +138,8 @@ def _readme_sentences(row: VariantRow, default: MetricValues) -> str:
         "states none.\n"
         "The paper is silent on what [we chose](docs/conventions.md#choices): the angles' "
         "zero, the shafts' diameter and number.\n"
-        f"The default model was tested on {show(default['images'], 0)} others."
+        "The default model was trained on other images, for longer, and tested on "
+        f"{show(default['images'], 0)} others."
     )
 
 

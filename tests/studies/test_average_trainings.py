@@ -58,9 +58,23 @@ def test_weights_lie_between_both(before: Path, after: Path, share: float, weigh
 
 
 def test_trainings_without_a_common_start_are_refused(before: Path, after: Path) -> None:
-    with pytest.raises(InputError, match=r"before: did not start from .*after/model\.ckpt; name"):
+    with pytest.raises(
+        InputError, match=r"before: did not start from the same .*after/model\.ckpt"
+    ):
         average(after, before, before.parent / "out")
     assert not (before.parent / "out").exists()
+
+
+def test_a_detector_that_a_variant_started_from_is_refused(before: Path, after: Path) -> None:
+    checkpoint = torch.load(after / "model.ckpt", weights_only=True)
+    torch.save({**checkpoint, "identity": {"variant": "d"}}, after / "model.ckpt")
+    with pytest.raises(InputError, match="after: did not start from the same network in"):
+        average(before, after, before.parent / "out")
+
+
+def test_neither_training_is_overwritten(before: Path, after: Path) -> None:
+    with pytest.raises(InputError, match="--out .*after: holds one of both trainings; name"):
+        average(before, after, after)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0, -0.1])

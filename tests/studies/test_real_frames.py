@@ -77,7 +77,7 @@ def test_results_name_the_model_the_part_and_both_digests(
     assert not (tmp_path / "real/runs.json").exists()
 
 
-def test_a_threshold_is_chosen_by_the_axes_of_the_validation_part(model: str, data: Path) -> None:
+def test_a_threshold_is_chosen_by_the_validation_part(model: str, data: Path) -> None:
     first, second = SCORES[:2]
     assert Predictor(Path(model)).confidence not in SCORES
     choice = choose(Path(model), data)  # the first detection is right, the second is not

@@ -125,8 +125,9 @@ def _opened(path: Path) -> cv2.FileStorage:
         raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
     if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
         message = text.strip().removeprefix("---").removesuffix("---")  # as `rostopic echo` ends it
-        # OpenCV's parser wants the items of a list, as `ros2 topic echo` writes it, indented.
-        message = re.sub("^- ", "  - ", message, flags=re.MULTILINE)
+        # OpenCV's parser wants the items of a list farther in than its name; `ros2 topic echo` and
+        # PyYAML write both in one column.
+        message = re.sub("^( *)- ", r"\1  - ", message, flags=re.MULTILINE)
         text = f"%YAML:1.0\n---\n{message}\n"
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     if not storage.root().isMap():

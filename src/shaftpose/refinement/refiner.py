@@ -231,7 +231,7 @@ class Refiner:
         times = picture.shape[1] // camera.width
         search = leaving_out(others, partial(self.edges, picture), times)
         enlarged = camera.enlarged(times)
-        # The outline has the same samples in more pixels, of which each then tells less.
+        # An outline has the same number of samples in more pixels; each counts for `times` as many.
         errors = EdgeErrors(understated=_READER_UNDERSTATED * times**0.5)
         return fit_pose(
             start.pose, self.shaft, enlarged, search, _EDGE_STAGES, errors,
