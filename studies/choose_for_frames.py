@@ -26,7 +26,7 @@ from shaftpose.evaluation.whole_frames import FrameModel
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
-from shaftpose.metrics.detection.precision_recall import f1_scores
+from shaftpose.metrics.detection.precision_recall import PrecisionRecall, f1_scores
 from shaftpose.metrics.frames.ranking import Ranked
 
 SIDES_PX = 200, 240, 270, 299
@@ -83,15 +83,20 @@ def _tried(
         copy = Path(shutil.copy(model, scratch))
         store_metadata(copy, _with(predictor, side_px, predictor.confidence))
         frames = compared_frames(FrameModel(str(copy)), images)
-    # All have the same detections in the same order.
     curves = [Ranked(frames, kind, None).curve(np.ones(len(frames))) for kind in MEASURES]
+    f1, threshold = best_mean_f1(curves, otherwise=predictor.confidence)
+    print(f"{side_px} px: mean F1 {f1:.3f} at threshold {threshold:.3f}")
+    return Choice(f1, side_px, threshold)
+
+
+def best_mean_f1(curves: Sequence[PrecisionRecall], otherwise: float) -> tuple[float, float]:
+    """The best mean F1 of curves of the same detections, and its threshold; `otherwise`, if all
+    detections are false by all of them."""
     f1 = np.mean([f1_scores(curve) for curve in curves], axis=0)
     if not f1.any():
-        return Choice(0.0, side_px, predictor.confidence)
+        return 0.0, otherwise
     best = int(f1.argmax())
-    choice = Choice(float(f1[best]), side_px, float(curves[0].scores[best]))
-    print(f"{side_px} px: mean F1 {choice.f1:.3f} at threshold {choice.threshold:.3f}")
-    return choice
+    return float(f1[best]), float(curves[0].scores[best])
 
 
 def _with(predictor: Predictor, side_px: int | None, threshold: float) -> ModelMetadata:

@@ -502,7 +502,8 @@ def test_check_takes_another_model(
     calibration.write_text(PINHOLE)  # of 90 deg
     main(["check", "--camera", str(calibration), "--model", str(model)])
     printed = capsys.readouterr().out
-    assert re.search(rf"^model: {re.escape(str(model))}, \d+ images of 299 px", printed, re.M)
+    speed = rf"^model: {re.escape(str(model))}, \d+ images of 299 px per second$"
+    assert re.search(speed, printed, re.M)
     assert f"{model} sees them" in printed
     model.write_bytes(b"no model")
     with pytest.raises(SystemExit, match="^error: cannot predict here: model; see"):

@@ -16,9 +16,10 @@ from shaftpose.export.onnx_export import store_metadata
 from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
+from shaftpose.metrics.detection.precision_recall import PrecisionRecall
 from shaftpose.stage_files import read_stage_file
 from studies import real_frames
-from studies.choose_for_frames import choose, take_edge_reader
+from studies.choose_for_frames import best_mean_f1, choose, take_edge_reader
 from studies.frame_tables import frame_blocks, runs_sentence
 from studies.real_frames import Run, Runs, label, measure, runs_of
 from studies.write_results_page import REAL, real_images
@@ -84,6 +85,17 @@ def test_a_threshold_is_chosen_by_the_validation_part(model: str, data: Path) ->
     assert second < choice.threshold == pytest.approx(first)
     assert choice.frame_px is None  # the model takes images of one size
     assert Predictor(Path(model)).confidence == choice.threshold
+
+
+def test_all_measures_choose_the_threshold() -> None:
+    """F1 of boxes: 2/3, 1; of axes, which alone would choose the other score: 2/3, 1/2."""
+    scores, recall = np.array([0.9, 0.6]), np.array([0.5, 1.0])
+    boxes = PrecisionRecall(recall, np.ones(2), scores)
+    axes = PrecisionRecall(np.array([0.5, 0.5]), np.array([1.0, 0.5]), scores)
+    assert best_mean_f1([boxes, axes], otherwise=0.3) == (pytest.approx(0.75), 0.6)
+    assert best_mean_f1([axes], otherwise=0.3) == (pytest.approx(2 / 3), 0.9)
+    none = PrecisionRecall(np.zeros(2), np.zeros(2), scores)
+    assert best_mean_f1([none, none], otherwise=0.3) == (0.0, 0.3)
 
 
 def test_a_model_takes_the_edge_reader_of_another_one(model: str, tmp_path: Path) -> None:
