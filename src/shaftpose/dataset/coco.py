@@ -188,6 +188,10 @@ def _instruments(
         yield annotation, _instrument(annotation, entry, where), where
 
 
+# What may be said of a tool's shaft; else it is unknown: a tool without one is jaws or wrist alone.
+_KNOWN = ("outlined", "none")
+
+
 def _tool_ids(categories: Any) -> list[Any]:
     entries = categories if isinstance(categories, list) else []
     return [e.get("id") for e in entries if isinstance(e, dict) and e.get("name") == "tool"]
@@ -199,7 +203,7 @@ def _tool(annotation: _Annotation, whole: CocoInstrument, where: str) -> CocoToo
             f"{where}: a `tool` without `segmentation`; add its polygons, or name its category "
             "`shaft`"
         )
-    return CocoTool(whole.mask, shaft_known=annotation.shaft == "outlined")
+    return CocoTool(whole.mask, shaft_known=annotation.shaft in _KNOWN)
 
 
 def _field(view: list[list[float]] | None, where: str) -> tuple[Point, ...] | None:
