@@ -71,7 +71,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
             opset_version=OPSET,
             input_names=["image"],
             output_names=list(exported.output_names),
-            dynamic_shapes={"image": {number: Dim(name) for number, name in enumerate(names)}},
+            dynamic_shapes={"image": dict(enumerate(names))},
             custom_translation_table={NMS_OPERATOR: _onnx_nms_mask},
             verbose=False,
         )
