@@ -82,8 +82,8 @@ def test_annotations_and_images_are_joined(
     images = [image for part in parts.values() for image in part]
     shafts = [shaft for image in images for shaft in image.instruments]
     tools = [tool for image in images for tool in image.tools]
-    assert (len(shafts), len(tools)) == (84 + 53 + 564, 1247)
-    assert sum(tool.shaft_known for tool in tools) == 564
+    assert (len(shafts), len(tools)) == (84 + 53 + 699, 1247)
+    assert sum(tool.shaft_known for tool in tools) == 699 + 75
     assert all(shaft.mask is not None and np.isfinite(shaft.axis).all() for shaft in shafts)
     assert sum(image.field is not None for image in images) == 738
     for image in parts["validation"][::20]:

@@ -202,7 +202,7 @@ def test_no_crowd_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -
 
 
 def tools_content() -> dict[str, Any]:
-    """b.jpg shows a tool whose shaft is outlined and one whose shaft is not."""
+    """b.jpg shows a tool whose shaft is outlined, one whose shaft is not, and jaws alone."""
     content = coco_content()
     content["categories"] = [{"id": 1, "name": "shaft"}, {"id": 7, "name": "tool"}]
     first, second = content["annotations"]
@@ -213,6 +213,7 @@ def tools_content() -> dict[str, Any]:
         first,
         whole | {"segmentation": square, "attributes": {"shaft": "outlined"}},
         whole | {"segmentation": square},
+        whole | {"segmentation": square, "attributes": {"shaft": "none"}},
     ]
     return content
 
@@ -223,14 +224,14 @@ def test_annotations_of_the_category_tool_are_whole_tools(tmp_path: Path) -> Non
     expected[5:35, 10:40] = True
     mask = CompressedMask.of(expected)
     assert [shaft.box for shaft in image.instruments] == [(10, 5, 30, 35)]
-    assert image.tools == (CocoTool(mask, shaft_known=True), CocoTool(mask, shaft_known=False))
+    assert image.tools == tuple(CocoTool(mask, shaft_known=one) for one in (True, False, True))
 
 
 def test_categories_of_other_names_are_shafts(tmp_path: Path) -> None:
     content = tools_content()
     content["categories"][1]["name"] = "grasper"
     image = read_coco(write_dataset(tmp_path, content))[1]
-    assert (len(image.instruments), image.tools) == (3, ())
+    assert (len(image.instruments), image.tools) == (4, ())
 
 
 def test_a_tool_without_a_mask_is_named(tmp_path: Path) -> None:
