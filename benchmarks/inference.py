@@ -4,6 +4,7 @@ Frames of 1920 x 1080 px go through the package's models one by one, with each w
 in turn, and the figures are written to `reports/benchmarks/inference.json`.
 """
 
+import math
 import statistics
 import subprocess
 import sys
@@ -34,6 +35,8 @@ ROOT = Path(__file__).parents[1]
 OUT = RESULTS / "inference.json"
 FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
+# Across the height of the frames: the film shows 95 deg across their width.
+VIEW_DEG = math.degrees(2 * math.atan(HEIGHT / WIDTH * math.tan(math.radians(95 / 2))))
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
 NETWORK = "network alone"  # in place of a refinement
@@ -47,8 +50,9 @@ import sys, time
 start = time.perf_counter()
 import cv2, numpy as np
 from shaftpose.inference.loading import load
-find = load(sys.argv[1], view_deg=95.0, diameter_mm=3.0, refine=sys.argv[2])
-find(cv2.imread(sys.argv[3])[..., ::-1])
+model, refine, image, view_deg = sys.argv[1:]
+find = load(model, view_deg=float(view_deg), diameter_mm=3.0, refine=refine)
+find(cv2.imread(image)[..., ::-1])
 seconds = time.perf_counter() - start
 from benchmarks.inference import frames, peak_mib
 images = frames()
@@ -79,28 +83,29 @@ def main() -> None:
 
 def finder(model: str, refine: Refinement) -> ShaftFinder:
     """A model for the film's camera and shafts."""
-    return load(model, view_deg=95.0, diameter_mm=3.0, refine=refine)
+    return load(model, view_deg=VIEW_DEG, diameter_mm=3.0, refine=refine)
 
 
 def networks() -> dict[tuple[str, str], Run]:
-    """The networks of the models alone, with any frame of the size that they take."""
+    """The networks of the models alone, with a frame of the size that they see."""
     return {(model, NETWORK): network(bundled_model(model)) for model in bundled_names()}
 
 
 def network(path: Path) -> Run:
     """A network alone."""
-    opened, side_px = open_network(path, "onnxruntime"), Predictor(path).side_px
-    small = np.asarray(cv2.resize(next(frames()), (side_px, side_px)), np.uint8)[None]
+    opened, model = open_network(path, "onnxruntime"), Predictor(path)
+    side = model.side_px if model.frame_px is None else model.frame_px
+    size = (side, side) if model.frame_px is None else (round(side * WIDTH / HEIGHT), side)
+    small = np.asarray(cv2.resize(next(frames()), size), np.uint8)[None]
     return lambda _: opened.run(opened.outputs, small)
 
 
 def frames() -> Iterator[Image]:
-    """The package's film, enlarged to the height of the frames, with black sides; endless."""
-    left = (WIDTH - HEIGHT) // 2
-    sides = left, WIDTH - HEIGHT - left
+    """The package's film, enlarged to the width of the frames and cut to their height; endless."""
+    top = (WIDTH - HEIGHT) // 2
     for frame in cycle(list(VideoFile(FILM).frames())):
-        square = cv2.resize(frame.rgb, (HEIGHT, HEIGHT), interpolation=cv2.INTER_CUBIC)
-        yield np.asarray(np.pad(square, ((0, 0), sides, (0, 0))), np.uint8)
+        square = cv2.resize(frame.rgb, (WIDTH, WIDTH), interpolation=cv2.INTER_CUBIC)
+        yield np.asarray(square[top : top + HEIGHT], np.uint8)
 
 
 def times(
@@ -131,7 +136,7 @@ def row(model: str, refine: Refinement, seconds: list[float], alone: list[float]
     with TemporaryDirectory() as folder:
         first = Path(folder) / "frame.png"
         cv2.imwrite(str(first), next(frames())[..., ::-1])
-        command = [sys.executable, "-c", START, model, refine, str(first)]
+        command = [sys.executable, "-c", START, model, refine, str(first), str(VIEW_DEG)]
         starts = [
             subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
             for _ in range(STARTS)

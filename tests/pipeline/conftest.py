@@ -49,7 +49,7 @@ def inside(project: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # Settings that users change in params.yaml -> values for the tests. Trailing comments are dropped.
 SETTINGS = {
     "profile": "smoke",
-    "variants": "[d_noise_real, e]",
+    "variants": "[d_noise_real]",
     "  source": "null",  # of backgrounds and of real images
 }
 

@@ -52,17 +52,17 @@ def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) ->
 
 
 def test_a_missing_size_is_named(run: Run, tmp_path: Path) -> None:
-    line = complaint(run, "pipelines/train.py", f"out={tmp_path}", "~profiles.smoke.depth")
+    line = complaint(run, "pipelines/split.py", f"out={tmp_path}", "~profiles.smoke.depth")
     assert line == "error: conf/profiles.yaml: smoke.depth is missing; add it"
 
 
 def test_beta_of_the_wrong_length(run: Run, tmp_path: Path) -> None:
-    line = complaint(run, "pipelines/train.py", f"out={tmp_path}", "loss.beta=[1,1,2]")
+    line = complaint(run, "pipelines/split.py", f"out={tmp_path}", "loss.beta=[1,1,2]")
     assert "loss.beta" in line
 
 
 def test_unknown_variant_is_named_with_the_known_ones(run: Run, tmp_path: Path) -> None:
-    result = run("python", "pipelines/train.py", "variant=z", f"out={tmp_path}")
+    result = run("python", "pipelines/split.py", "variant=z", f"out={tmp_path}")
     assert result.returncode == 1
     assert "variant/z" in result.stderr
     assert "d_noise_real" in result.stderr

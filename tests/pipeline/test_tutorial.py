@@ -1,5 +1,6 @@
 """The commands of docs/tutorial.md, on small images."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -68,5 +69,7 @@ def test_the_commands_run_and_their_files_are_there(own: Path, run: Run) -> None
     assert "set camera.view_deg to 71.5" in printed
     for name in ("look.jpg", "backgrounds.jpg", "reports/e/figures/predictions.jpg"):
         assert (own / name).stat().st_size > 10_000
+    rows = json.loads((own / "reports/ablation.json").read_text())["rows"]
+    assert [(row["variant"], row["refined"]) for row in rows] == [("e", False), ("e", True)]
     assert "| E + fit |" in (own / "reports/ablation.md").read_text()
     assert (own / "found/predictions.jsonl").read_text().count("\n") == 1

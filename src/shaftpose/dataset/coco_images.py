@@ -37,8 +37,8 @@ class CocoInstrument:
 class CocoTool:
     """One whole instrument: shaft, wrist and jaws.
 
-    mask: of the file's size. shaft_known: whether its shaft, if any of it is to be seen, is one of the
-    image's instruments.
+    mask: of the file's size. shaft_known: whether its shaft is one of the image's instruments, or
+    none of it is to be seen.
     """
 
     mask: CompressedMask

@@ -14,7 +14,7 @@ from shaftpose.settings.schema import Distortion, RenderSettings, RunSize
 
 # Number added to the project's seed, and share of occluded images.
 SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
-SOURCES_PER_SET = 20
+SOURCES_PER_SET = 20  # at most; a smaller set has a background of its own for each image
 
 
 def stand_in_sets(
@@ -26,7 +26,12 @@ def stand_in_sets(
     return {
         name: RenderedSet(
             settings=with_occlusion(settings, hidden),
-            backgrounds=_backgrounds(folder / "backgrounds" / name, side_px, seed + own_seed),
+            backgrounds=_backgrounds(
+                folder / "backgrounds" / name,
+                side_px,
+                seed + own_seed,
+                sources=min(SOURCES_PER_SET, images[name]),
+            ),
             seed=seed + own_seed,
             images=images[name],
             images_per_shard=images_per_shard(images[name], size),
@@ -35,11 +40,11 @@ def stand_in_sets(
     }
 
 
-def _backgrounds(folder: Path, side_px: int, seed: int) -> dict[Path, str]:
+def _backgrounds(folder: Path, side_px: int, seed: int, sources: int) -> dict[Path, str]:
     """Tissue with the stand-in's look: image file -> id of its source."""
     unaltered = VariationRanges((0.0, 0.0), (1.0, 1.0), (1.0, 1.0))
-    sources = procedural_sources(SOURCES_PER_SET, seed, side_px, STAND_IN)
-    write_library(sources, folder, 1, unaltered, seed, side_px, SOURCES_PER_SET)
+    tissues = procedural_sources(sources, seed, side_px, STAND_IN)
+    write_library(tissues, folder, 1, unaltered, seed, side_px, sources)
     return by_path(read_library(folder))
 
 
