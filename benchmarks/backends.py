@@ -21,9 +21,9 @@ from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
 from shaftpose.export.compression import quantise
 from shaftpose.export.onnx_export import ShaftDetector, export_onnx
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.backends import open_network, openvino_core
 from shaftpose.inference.model_files import DEFAULT, bundled_model
-from shaftpose.inference.video_files import VideoFile
 from shaftpose.network.building import build_network
 from shaftpose.settings.choices import Backend
 from shaftpose.settings.compose import composed_settings

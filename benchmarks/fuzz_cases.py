@@ -17,11 +17,11 @@ from numpy.random import Generator
 
 from shaftpose.core.geometry import Camera
 from shaftpose.dataset.coco import read_coco
+from shaftpose.frame_sources.video_files import Span
 from shaftpose.inference.calibration_files import read_camera
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.prediction_run import sources
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.video_files import Span
 from shaftpose.inference.views import known_camera
 from shaftpose.network.checkpoint import identity_of
 

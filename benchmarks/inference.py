@@ -23,12 +23,12 @@ from tqdm import tqdm
 from benchmarks.machine import RESULTS, machine
 from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.video_files import VideoFile
 from shaftpose.settings.choices import Refinement
 
 ROOT = Path(__file__).parents[1]

@@ -22,9 +22,9 @@ from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import resized
 from shaftpose.core.instruments import POSE_DIMENSIONS
 from shaftpose.figures.markdown import pipe_table
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.tracker import matches
 from shaftpose.inference.tracks import tip_and_axis
-from shaftpose.inference.video_files import VideoFile
 from shaftpose.metrics.pose_errors import errors_between
 from shaftpose.metrics.table import metrics_named
 from shaftpose.report.cells import headings

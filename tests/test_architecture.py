@@ -29,11 +29,12 @@ FOLDERS = {
     "training": ("dataset", "network", "metrics"),
     "tracking": (),
     "sweeps": ("metrics", "figures", "tracking"),
-    "inference": ("image_files", "refinement", "figures", "tracking"),
+    "frame_sources": ("image_files",),
+    "inference": ("frame_sources", "image_files", "metrics", "refinement", "figures", "tracking"),
     "evaluation": ("dataset", "metrics", "figures", "refinement", "inference"),
     "export": ("dataset", "network", "metrics", "refinement", "inference"),
     "report": ("dataset", "metrics", "figures", "evaluation"),
-    "cli": ("image_files", "inference", "dataset", "farm", "figures"),
+    "cli": ("image_files", "frame_sources", "inference", "dataset", "farm", "figures"),
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.

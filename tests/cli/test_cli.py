@@ -20,12 +20,12 @@ from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference import model_files
 from shaftpose.inference.model_files import ModelMetadata
-from shaftpose.inference.video_files import VideoFile
+from tests.frame_sources.videos import read_greys, with_pixel_aspect, write_video
 from tests.image_files.made_files import jpeg_with_exif
 from tests.inference.test_calibration_files import PINHOLE
-from tests.inference.videos import read_greys, with_pixel_aspect, write_video
 
 Places = list[tuple[int, int]]
 

@@ -15,10 +15,10 @@ import pytest
 
 from shaftpose.cli.main import main
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.model_files import ModelMetadata
-from shaftpose.inference.video_files import VideoFile
+from tests.frame_sources.videos import write_video
 from tests.inference.full_disk import longest_file
-from tests.inference.videos import write_video
 
 PREDICT = [sys.executable, "-c", "from shaftpose.cli.main import main; main()", "predict"]
 PATIENCE_S = 120.0

@@ -10,12 +10,12 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.frame_sources.frames import Frame
 from shaftpose.inference.annotated_files import annotated_files, draw_shafts, unused
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
 from shaftpose.inference.result_stream import UnwritableError
+from tests.frame_sources.videos import read_greys
 from tests.inference.full_disk import longest_file
-from tests.inference.videos import read_greys
 
 AXIS = np.array([[200.0, 100.0], [260.0, 100.0]])
 SHAFT = FoundShaft(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from shaftpose.core.geometry import ShaftPose
+from shaftpose.frame_sources.frames import Frame, ImageFile
+from shaftpose.frame_sources.live_streams import LiveStream
+from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.earlier_results import Earlier, continued
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame, ImageFile
-from shaftpose.inference.live_streams import LiveStream
-from shaftpose.inference.video_files import VideoFile
 
 RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 SHAFT = FoundShaft(

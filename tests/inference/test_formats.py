@@ -10,9 +10,9 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
+from shaftpose.frame_sources.frames import Frame
 from shaftpose.inference.formats import BopLines, csv_lines, format_of_run, json_line
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
 
 RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 AXIS = np.array([[30.04, 40.0], [50.0, 60.26]])

@@ -17,14 +17,14 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.frame_sources.frames import ImageFile, Source
+from shaftpose.frame_sources.video_files import Span
 from shaftpose.inference import image_chunks
 from shaftpose.inference.chunk_worker import Chunk, PredictedImage, Prediction
-from shaftpose.inference.frames import ImageFile, Source
 from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.prediction_run import sources
-from shaftpose.inference.video_files import Span
 
 Work = Callable[[Chunk], Prediction]
 Predicted = Iterator[tuple[Chunk, Prediction | None]]

@@ -8,12 +8,12 @@ import pytest
 
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.images import write_jpeg
-from shaftpose.inference.frames import Frame, ImageFile
-from shaftpose.inference.live_streams import LiveStream
+from shaftpose.frame_sources.frames import Frame, ImageFile
+from shaftpose.frame_sources.live_streams import LiveStream
+from shaftpose.frame_sources.video_files import Span, VideoFile
+from shaftpose.frame_sources.web_addresses import WebAddress
 from shaftpose.inference.prediction_run import for_each_frame, sources
 from shaftpose.inference.result_stream import UnwritableError
-from shaftpose.inference.video_files import Span, VideoFile
-from shaftpose.inference.web_addresses import WebAddress
 
 
 def fail(message: str) -> None:

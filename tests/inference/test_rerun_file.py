@@ -8,8 +8,8 @@ import pytest
 
 from shaftpose.cli.main import main
 from shaftpose.core.geometry import Camera, ShaftPose
+from shaftpose.frame_sources.frames import Frame
 from shaftpose.inference.found_shafts import FoundShaft, axis_points
-from shaftpose.inference.frames import Frame
 from shaftpose.inference.result_stream import UnwritableError
 from tests.inference.full_disk import longest_file
 

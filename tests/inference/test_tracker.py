@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.frame_sources.frames import Frame
 from shaftpose.inference.found_shafts import Array, FoundShaft
-from shaftpose.inference.frames import Frame
-from shaftpose.inference.tracker import ShaftTracker, matches, nearest_pairs
+from shaftpose.inference.tracker import ShaftTracker, matches
 
 RGB = np.zeros((10, 20, 3), np.uint8)
 DRAWN = np.ones((2, 2))
@@ -119,24 +118,6 @@ def test_the_nearest_pairs_match_first_and_far_ones_never() -> None:
     assert matches(at, [at[1] - 3 * np.eye(6)[0], at[1]], 12.0) == {1: 1, 0: 0}
     assert matches(at[2:], at[:1], 12.0) == {}
     assert matches([along], [np.array([0.0, 0, 0, 0, 1, 0])], 12.0) == {}
-
-
-def test_the_nearest_are_paired_first() -> None:
-    """Row 0 is near both columns, but column 0 is nearer to row 1; row 2 is too far from all."""
-    distances = np.array([[2.0, 3.0], [1.0, 5.0], [9.0, 9.0]])
-    assert nearest_pairs(distances, 4.0) == {1: 0, 0: 1}
-    assert nearest_pairs(distances, 3.0) == {1: 0, 0: 1}
-    assert nearest_pairs(distances, 2.9) == {1: 0}
-    assert nearest_pairs(distances, 0.9) == {}
-
-
-def test_what_is_infinitely_far_or_no_number_has_no_partner() -> None:
-    assert nearest_pairs(np.array([[np.inf, np.nan, 1.0]]), np.inf) == {0: 2}
-
-
-@pytest.mark.parametrize("shape", [(0, 0), (0, 3), (2, 0)])
-def test_nothing_has_no_pairs(shape: tuple[int, int]) -> None:
-    assert nearest_pairs(np.zeros(shape), 1.0) == {}
 
 
 def test_a_shaft_whose_tip_is_not_seen_is_followed_across_its_axis() -> None:

@@ -193,7 +193,7 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Background]
     """Backgrounds and an instrument in the working directory."""
     monkeypatch.chdir(tmp_path)
     trimesh.creation.cylinder(radius=2, height=90).export("tool.stl")
-    monkeypatch.setattr(stand_in_sets, "_backgrounds", lambda *args: {})
+    monkeypatch.setattr(stand_in_sets, "_backgrounds", lambda *args, **named: {})
     monkeypatch.setattr(tree, "check_variants", lambda *args: None)
     for n in range(20):
         Path(f"{n}.jpg").write_bytes(bytes([n]))

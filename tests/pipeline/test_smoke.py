@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.inference.video_files import VideoFile
+from shaftpose.frame_sources.video_files import VideoFile
 from tests.pipeline.conftest import Run, commit, copy_tracked, replace_in
 
 

@@ -13,11 +13,12 @@ from typing import NoReturn
 from tqdm import tqdm
 
 from shaftpose.core.errors import InputError, printable
+from shaftpose.frame_sources.frames import Frame, Source
+from shaftpose.frame_sources.video_files import Span
 from shaftpose.inference.annotated_files import annotated_files
 from shaftpose.inference.chunk_worker import PredictedImage
 from shaftpose.inference.earlier_results import Earlier, continued
 from shaftpose.inference.formats import format_of_run
-from shaftpose.inference.frames import Frame, Source
 from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
@@ -25,7 +26,6 @@ from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, s
 from shaftpose.inference.result_stream import result_stream, results_file
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.tracker import ShaftTracker
-from shaftpose.inference.video_files import Span
 
 
 def run(options: argparse.Namespace) -> None:

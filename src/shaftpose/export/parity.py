@@ -14,8 +14,7 @@ from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.export.onnx_export import ShaftDetector
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.tracker import nearest_pairs
-from shaftpose.metrics.detection.matching import box_iou
+from shaftpose.metrics.detection.matching import box_iou, nearest_pairs
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 
 # Far below relevant differences, far above float32 rounding.

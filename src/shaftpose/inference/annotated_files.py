@@ -21,10 +21,10 @@ from shaftpose.figures.drawing import (
     subpixel_grid,
     write_text,
 )
+from shaftpose.frame_sources.frames import Frame
+from shaftpose.frame_sources.video_files import opencv_takes, stated_length
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame
 from shaftpose.inference.result_stream import UnwritableError, incomplete, naming_unwritable
-from shaftpose.inference.video_files import opencv_takes, stated_length
 
 _LONGEST_GAP_S = 10.0  # between frames of a video, that a drawing keeps
 _JPEG_QUALITY, _LONGEST_NAME = 95, 255  # bytes

@@ -18,8 +18,8 @@ import numpy as np
 import onnxruntime
 
 from shaftpose.core.errors import InputError, Warn
+from shaftpose.frame_sources.frames import EmptyFolder, Frame, ImageFile, Source
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import EmptyFolder, Frame, ImageFile, Source
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import checksum, model_file
 from shaftpose.inference.prediction_run import for_each_frame

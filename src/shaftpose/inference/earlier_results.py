@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from shaftpose.core.errors import InputError
+from shaftpose.frame_sources.frames import ImageFile, Source
+from shaftpose.frame_sources.video_files import VideoFile
+from shaftpose.frame_sources.web_addresses import WebAddress
 from shaftpose.inference.formats import CSV_COLUMNS
-from shaftpose.inference.frames import ImageFile, Source
 from shaftpose.inference.result_stream import AS_NAMED
 from shaftpose.inference.tracker import film_of
-from shaftpose.inference.video_files import VideoFile
-from shaftpose.inference.web_addresses import WebAddress
 
 
 class Row(NamedTuple):

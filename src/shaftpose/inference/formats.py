@@ -13,8 +13,8 @@ import numpy as np
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose, unsigned_deg
 from shaftpose.core.instruments import POSE_DIMENSIONS
+from shaftpose.frame_sources.frames import FrameId
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import FrameId
 
 CSV_COLUMNS = (
     "image", "frame", "time_s", "score", "x0", "y0", "x1", "y1", "tip_x_px", "tip_y_px",

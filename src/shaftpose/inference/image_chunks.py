@@ -6,6 +6,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from shaftpose.core.errors import Warn
+from shaftpose.frame_sources.frames import Source
 from shaftpose.inference.chunk_worker import (
     Chunk,
     ChunkedRun,
@@ -14,7 +15,6 @@ from shaftpose.inference.chunk_worker import (
     predict_chunk,
     versions,
 )
-from shaftpose.inference.frames import Source
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import checksum, model_file
 

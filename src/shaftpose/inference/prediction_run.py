@@ -10,14 +10,14 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from shaftpose.core.errors import InputError, Warn
+from shaftpose.frame_sources.frames import Frame, FrameId, Source, images_of
+from shaftpose.frame_sources.live_streams import LiveStream
+from shaftpose.frame_sources.video_files import Span
+from shaftpose.frame_sources.web_addresses import WebAddress, file_source
 from shaftpose.inference.annotated_files import AnnotatedFiles
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame, FrameId, Source, images_of
-from shaftpose.inference.live_streams import LiveStream
 from shaftpose.inference.result_stream import UnwritableError, result_stream
-from shaftpose.inference.video_files import Span
-from shaftpose.inference.web_addresses import WebAddress, file_source
 
 # Writes a frame with its shafts.
 Write = Callable[[Frame, Sequence[FoundShaft]], None]

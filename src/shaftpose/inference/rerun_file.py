@@ -10,9 +10,9 @@ import rerun
 
 from shaftpose.core.geometry import Array
 from shaftpose.core.images import Image
+from shaftpose.frame_sources.frames import Frame
 from shaftpose.inference.annotated_files import shaft_text
 from shaftpose.inference.found_shafts import FoundShaft, axis_points
-from shaftpose.inference.frames import Frame
 from shaftpose.inference.prediction_run import Write
 from shaftpose.inference.result_stream import incomplete, naming_unwritable
 

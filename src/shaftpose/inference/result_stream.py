@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TextIO
 
 from shaftpose.core.errors import InputError, printable
+from shaftpose.frame_sources.frames import FrameId
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import FrameId
 
 
 class UnwritableError(InputError):

@@ -8,9 +8,10 @@ import numpy as np
 
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
+from shaftpose.frame_sources.frames import Frame, FrameId
 from shaftpose.inference.found_shafts import FoundShaft
-from shaftpose.inference.frames import Frame, FrameId
 from shaftpose.inference.tracks import Measurement, Track
+from shaftpose.metrics.detection.matching import nearest_pairs
 
 # A shaft continues a track if its tip and axis are this near to the predicted ones.
 _NEAR_DIAMETERS, _NEAR_DEG = 4.0, 45.0
@@ -101,16 +102,3 @@ def matches(expected: Sequence[Array], seen: Sequence[Array], near_mm: float) ->
     distances = np.linalg.norm(ones[:, None, :3] - others[None, :, :3], axis=2)
     distances[ones[:, 3:] @ others[:, 3:].T < np.cos(np.radians(_NEAR_DEG))] = np.inf
     return nearest_pairs(distances, near_mm)
-
-
-def nearest_pairs(distances: Array, most: float) -> dict[int, int]:
-    """Greedy one-to-one pairs of distances (N, M) up to `most`, nearest first: row -> column."""
-    near = np.argwhere(distances <= most)
-    order = np.argsort(distances[tuple(near.T)], kind="stable")
-    pairs: dict[int, int] = {}
-    taken: set[int] = set()
-    for row, column in near[order].tolist():
-        if row not in pairs and column not in taken:
-            pairs[row] = column
-            taken.add(column)
-    return pairs

@@ -80,3 +80,16 @@ def detected_rate(
         for found, known in zip(detections, annotations, strict=True)
     ]
     return sum(map(len, hits)) / instruments
+
+
+def nearest_pairs(distances: Array, most: float) -> dict[int, int]:
+    """Greedy one-to-one pairs of distances (N, M) up to `most`, nearest first: row -> column."""
+    near = np.argwhere(distances <= most)
+    order = np.argsort(distances[tuple(near.T)], kind="stable")
+    pairs: dict[int, int] = {}
+    taken: set[int] = set()
+    for row, column in near[order].tolist():
+        if row not in pairs and column not in taken:
+            pairs[row] = column
+            taken.add(column)
+    return pairs

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.inference.film_ends import counts_frames, film_seconds, is_cut
-from tests.inference.videos import box, write_matroska, write_video
+from shaftpose.frame_sources.film_ends import counts_frames, film_seconds, is_cut
+from tests.frame_sources.videos import box, write_matroska, write_video
 
 
 @pytest.fixture(params=["mp4", "avi", "mkv"])

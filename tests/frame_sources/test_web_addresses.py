@@ -10,9 +10,9 @@ import pytest
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import encode_jpeg
-from shaftpose.inference.frames import Frame
-from shaftpose.inference.web_addresses import WebAddress
-from tests.inference.videos import write_video
+from shaftpose.frame_sources.frames import Frame
+from shaftpose.frame_sources.web_addresses import WebAddress
+from tests.frame_sources.videos import write_video
 
 
 class Answers(BaseHTTPRequestHandler):

@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import cv2
 
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.inference.frames import Frame, from_bgr
-from shaftpose.inference.video_files import frame_rate, opencv_takes
+from shaftpose.frame_sources.frames import Frame, from_bgr
+from shaftpose.frame_sources.video_files import frame_rate, opencv_takes
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 2.0  # for a blocking read when the stream is closed

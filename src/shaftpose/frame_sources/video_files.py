@@ -11,10 +11,10 @@ import numpy as np
 
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.inference.decoded_frames import DecodedFrames, opened
-from shaftpose.inference.film_ends import counts_frames, counts_from_zero, film_seconds, is_cut
-from shaftpose.inference.film_gaps import FilmGaps
-from shaftpose.inference.frames import USUAL_FPS, Frame, from_bgr
+from shaftpose.frame_sources.decoded_frames import DecodedFrames, opened
+from shaftpose.frame_sources.film_ends import counts_frames, counts_from_zero, film_seconds, is_cut
+from shaftpose.frame_sources.film_gaps import FilmGaps
+from shaftpose.frame_sources.frames import USUAL_FPS, Frame, from_bgr
 
 _log = logging.getLogger(__name__)
 # OpenCV may report the time base of a container or a stream, such as 1,000 or 90,000 per second.

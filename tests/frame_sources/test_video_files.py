@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.video_files import Span, VideoFile, frame_rate
-from tests.inference.videos import (
+from shaftpose.frame_sources.video_files import Span, VideoFile, frame_rate
+from tests.frame_sources.videos import (
     TRACK,
     edit_box,
     with_pixel_aspect,

@@ -7,9 +7,9 @@ import cv2
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.inference.frames import Frame
-from shaftpose.inference.live_streams import LiveStream, NewestFrames
-from tests.inference.videos import write_video
+from shaftpose.frame_sources.frames import Frame
+from shaftpose.frame_sources.live_streams import LiveStream, NewestFrames
+from tests.frame_sources.videos import write_video
 
 PATIENCE_S = 10
 
