@@ -35,7 +35,8 @@ ROOT = Path(__file__).parents[1]
 OUT = RESULTS / "inference.json"
 FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
-# Across the height of the frames: the film shows 95 deg across their width.
+# Of the frames, across their height, as `load` takes it: across their width they show 95 deg, as the
+# square film does.
 VIEW_DEG = math.degrees(2 * math.atan(HEIGHT / WIDTH * math.tan(math.radians(95 / 2))))
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
@@ -82,7 +83,7 @@ def main() -> None:
 
 
 def finder(model: str, refine: Refinement) -> ShaftFinder:
-    """A model for the film's camera and shafts."""
+    """A model for the camera of `frames` and the film's shafts."""
     return load(model, view_deg=VIEW_DEG, diameter_mm=3.0, refine=refine)
 
 
@@ -94,8 +95,8 @@ def networks() -> dict[tuple[str, str], Run]:
 def network(path: Path) -> Run:
     """A network alone."""
     opened, model = open_network(path, "onnxruntime"), Predictor(path)
-    side = model.side_px if model.frame_px is None else model.frame_px
-    size = (side, side) if model.frame_px is None else (round(side * WIDTH / HEIGHT), side)
+    short = model.frame_px
+    size = (model.side_px,) * 2 if short is None else (round(short * WIDTH / HEIGHT), short)
     small = np.asarray(cv2.resize(next(frames()), size), np.uint8)[None]
     return lambda _: opened.run(opened.outputs, small)
 

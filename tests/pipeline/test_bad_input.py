@@ -51,6 +51,7 @@ def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) ->
     assert named in line
 
 
+# All stages read all settings alike; split imports no torch and starts fastest.
 def test_a_missing_size_is_named(run: Run, tmp_path: Path) -> None:
     line = complaint(run, "pipelines/split.py", f"out={tmp_path}", "~profiles.smoke.depth")
     assert line == "error: conf/profiles.yaml: smoke.depth is missing; add it"

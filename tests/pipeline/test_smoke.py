@@ -1,5 +1,4 @@
-"""The complete pipeline at a small size, from nothing to the report, for one of the paper's
-networks; test_tutorial.py runs it for E."""
+"""The complete pipeline at a small size, for a network of the paper; test_tutorial.py has E."""
 
 import json
 import re
@@ -119,7 +118,7 @@ def test_changed_alpha_trains_again_but_does_not_render(finished: Path, run: Run
     assert [shard.stat().st_mtime_ns for shard in shards] == before
 
 
-def test_changed_variant_runs_alone(finished: Path, run: Run) -> None:
+def test_a_changed_variant_runs_its_training_alone(finished: Path, run: Run) -> None:
     replace_in(finished / "conf/variant/d_noise_real.yaml", "noise: 10", "noise: 5")
     result = run("dvc", "repro", "--dry")
     replace_in(finished / "conf/variant/d_noise_real.yaml", "noise: 5", "noise: 10")

@@ -1,4 +1,4 @@
-"""The stage `train` as users run it: its script, in separate processes."""
+"""The stage `train`: its script in separate processes, and functions that need none."""
 
 import json
 import os
@@ -82,8 +82,8 @@ def test_two_processes_share_a_training(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the result of a training, in place of one that may not be written to: like a
-    file in DVC's cache, that was read-only, with a second hard link, not in the scratch folder."""
+    """A folder in which a training has replaced an earlier result that was like a file in DVC's
+    cache: read-only, with a second hard link, `cached`."""
     folder = tmp_path_factory.mktemp("trained")
     write_training_data(folder)
     cached, result = folder / "cached", folder / "models/d/model.ckpt"
@@ -164,15 +164,18 @@ def test_the_trainer_has_the_precision_and_the_clipping_of_the_settings(tmp_path
 @pytest.mark.parametrize(
     "accelerator",
     [
-        pytest.param("gpu", marks=pytest.mark.skipif(torch.cuda.is_available(), reason="a GPU")),
+        pytest.param(
+            "gpu", marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+        ),
         "abacus",
     ],
 )
-def test_a_trainer_that_the_machine_cannot_have_is_named(accelerator: str, tmp_path: Path) -> None:
+def test_a_trainer_that_cannot_be_had_is_named(accelerator: str, tmp_path: Path) -> None:
     recipe = recipe_with(*SIZES, *CPU, f"trainer.accelerator={accelerator}")
     with pytest.raises(InputError, match="see conf/trainer$") as raised:
         build_trainer(recipe, tmp_path, Curves())
     assert str(raised.value).startswith(f"trainer = {{'accelerator': '{accelerator}'")
+    assert "\n" not in str(raised.value)
 
 
 def test_the_network_is_compiled_if_the_settings_say_so(monkeypatch: pytest.MonkeyPatch) -> None:

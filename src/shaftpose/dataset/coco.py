@@ -32,6 +32,9 @@ from shaftpose.settings.schema import PositiveInt
 
 log = logging.getLogger(__name__)
 
+# Values of a tool's `attributes.shaft` that tell which of its pixels are shaft: those outlined, or
+# none, as only its jaws or wrist are visible.
+_SHAFT_KNOWN = "outlined", "none"
 _ROUNDING_PX = 1.0  # by which a box may leave its image: annotation tools round its numbers
 
 _Number = Annotated[float, Field(strict=True)]
@@ -188,10 +191,6 @@ def _instruments(
         yield annotation, _instrument(annotation, entry, where), where
 
 
-# What may be said of a tool's shaft; else it is unknown: a tool without one is jaws or wrist alone.
-_KNOWN = ("outlined", "none")
-
-
 def _tool_ids(categories: Any) -> list[Any]:
     entries = categories if isinstance(categories, list) else []
     return [e.get("id") for e in entries if isinstance(e, dict) and e.get("name") == "tool"]
@@ -203,7 +202,7 @@ def _tool(annotation: _Annotation, whole: CocoInstrument, where: str) -> CocoToo
             f"{where}: a `tool` without `segmentation`; add its polygons, or name its category "
             "`shaft`"
         )
-    return CocoTool(whole.mask, shaft_known=annotation.shaft in _KNOWN)
+    return CocoTool(whole.mask, shaft_known=annotation.shaft in _SHAFT_KNOWN)
 
 
 def _field(view: list[list[float]] | None, where: str) -> tuple[Point, ...] | None:

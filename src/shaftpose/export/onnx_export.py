@@ -11,7 +11,6 @@ import onnx
 import torch
 from onnxscript import opset20
 from torch import Tensor, nn
-from torch.export import Dim
 
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
@@ -62,6 +61,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
     exported = detector.cpu().eval()
     # Two images: an example of one would fix the batch dimension to one.
     example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
+    # The exporter finds the least sizes itself; with `Dim`s it would trace once more for them.
     names = ["batch", "height", "width"] if exported.network.takes_any_size else ["batch"]
     with _quiet():
         program = torch.onnx.export(
@@ -91,7 +91,7 @@ def edge_reader_bytes(reader: nn.Module) -> bytes:
             opset_version=OPSET,
             input_names=[STRIPS],
             output_names=OUTPUTS,
-            dynamic_shapes={"strips": {0: Dim("parts")}},
+            dynamic_shapes={"strips": {0: "parts"}},
             verbose=False,
         )
     assert program is not None

@@ -14,7 +14,7 @@ from shaftpose.settings.schema import Distortion, RenderSettings, RunSize
 
 # Number added to the project's seed, and share of occluded images.
 SETS = {"train": (2_000_001, 0.3), "clear": (2_000_002, 0.0), "occluded": (2_000_003, 1.0)}
-SOURCES_PER_SET = 20  # at most; a smaller set has a background of its own for each image
+SOURCES_PER_SET = 20  # at most; no more than a set has images
 
 
 def stand_in_sets(
