@@ -35,8 +35,8 @@ ROOT = Path(__file__).parents[1]
 OUT = RESULTS / "inference.json"
 FILM = ROOT / "src/shaftpose/inference/demo_film.mp4"
 WIDTH, HEIGHT = 1920, 1080
-# Of the frames, across their height, as `load` takes it: across their width they show 95 deg, as the
-# square film does.
+# Of the frames, across their height, as `load` takes it; across their width they show 95 deg, as
+# the square film does.
 VIEW_DEG = math.degrees(2 * math.atan(HEIGHT / WIDTH * math.tan(math.radians(95 / 2))))
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
 STARTS = 3
