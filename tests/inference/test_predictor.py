@@ -12,8 +12,12 @@ from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
-from tests.conftest import BOXES, constant_edge_reader, write_constant_model
+from tests.conftest import BOXES, constant_edge_reader, write_constant_model, write_mask_reader
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
+
+NEAR_POSE = POSES[:1] + np.array([0.5, -0.4, 1.5, 5.0, -4.0])
+ONE_SHAFT = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75]), "poses": NEAR_POSE}
+SHOWN = np.repeat((255 * soft_mask(POSES[0])).astype(np.uint8)[None, ..., None], 3, axis=3)
 
 
 def test_empty_places_are_left_out(constant_model: Path) -> None:
@@ -33,8 +37,7 @@ def test_outputs_that_are_not_finite_are_named_with_file_and_image(tmp_path: Pat
 def test_a_mask_that_is_not_finite_is_named_with_file_and_image(masked_model: Path) -> None:
     spoilt = soft_mask(POSES[0])
     spoilt[7, 9] = np.nan
-    values = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75])}
-    write_constant_model(masked_model, {**values, "poses": POSES[0][None], "mask": spoilt})
+    write_constant_model(masked_model, {**ONE_SHAFT, "mask": spoilt})
     store_metadata(masked_model, FLAT_ROD)
     predictor, images = Predictor(masked_model), np.zeros((2, 299, 299, 3), dtype=np.uint8)
     for read in (predictor, predictor.masks):
@@ -140,7 +143,7 @@ FLAT_ROD = ModelMetadata(
 
 
 def test_poses_are_fitted_to_finer_images_where_there_are_any(masked_model: Path) -> None:
-    images = np.zeros((2, 299, 299, 3), dtype=np.uint8)
+    images = np.repeat(SHOWN, 2, axis=0)
     fine = np.repeat((200 * soft_mask(POSES[0], times=2)).astype(np.uint8)[..., None], 3, axis=2)
     coarse, fitted = Predictor(masked_model)(images, [None, fine])
     assert np.all(fitted.deviations[0] < coarse.deviations[0])
@@ -149,19 +152,14 @@ def test_poses_are_fitted_to_finer_images_where_there_are_any(masked_model: Path
 
 @pytest.fixture
 def masked_model(tmp_path: Path) -> Path:
-    """A model that finds the first of `POSES`, not quite, and its true mask."""
-    values = {
-        "boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75]), "mask": soft_mask(POSES[0]),
-        "poses": POSES[:1] + np.array([0.5, -0.4, 1.5, 5.0, -4.0]),
-    }  # fmt: skip
-    ordered = {name: values[name] for name in ("boxes", "scores", "poses", "mask")}
-    path = write_constant_model(tmp_path / "masked.onnx", ordered)
+    """A model that finds the first of `POSES`, not quite, and takes bright pixels for the mask."""
+    path = write_mask_reader(tmp_path / "masked.onnx", ONE_SHAFT)
     store_metadata(path, FLAT_ROD)
     return path
 
 
 def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
-    found = Predictor(masked_model, "mask")(np.zeros((2, 299, 299, 3), dtype=np.uint8))
+    found = Predictor(masked_model, "mask")(np.repeat(SHOWN, 2, axis=0))
     assert len(found) == 2
     assert np.all(np.abs(found[1].poses[0] - POSES[0]) < [0.05, 0.05, 0.3, 0.8, 0.3])
     assert np.all(found[1].boxes[0] > 100)
@@ -169,6 +167,17 @@ def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
     assert (alone.refiner, fitting.refiner is None) == (None, False)
     (own,) = alone(np.zeros((1, 299, 299, 3), dtype=np.uint8))
     assert own.boxes.tolist() == [[1, 2, 3, 4]]
+
+
+def test_masks_of_an_image_and_its_mirror_image_are_averaged(
+    masked_model: Path, tmp_path: Path
+) -> None:
+    """A mask that stays where it is when the image is mirrored is half as sure."""
+    unmoved = {**ONE_SHAFT, "mask": soft_mask(POSES[0])}
+    path = write_constant_model(tmp_path / "unmoved.onnx", unmoved)
+    store_metadata(path, FLAT_ROD)
+    agreeing, other = (Predictor(model, "mask")(SHOWN)[0] for model in (masked_model, path))
+    assert other.scores[0] < 0.8 * agreeing.scores[0]
 
 
 def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:

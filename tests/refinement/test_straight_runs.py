@@ -86,10 +86,15 @@ def test_the_border_of_a_round_field_counts() -> None:
     assert across.outside
 
 
+def test_a_shaft_of_which_less_than_its_width_is_seen_is_found_at_the_border() -> None:
+    run = the_run(drawn((50.0, 150.0), (0.0, 150.0), (70.0, 70.0)))
+    assert lies_on(run, (50.0, 150.0), (0.0, 150.0))
+
+
 def test_small_round_and_thin_regions_are_no_runs() -> None:
     mask = np.zeros((299, 531), np.float32)
     mask[20:35, 20:35] = 1  # too small
-    mask[100:140, 100:140] = 1  # as wide as long
+    mask[100:140, 100:140] = 1  # no longer than wide, inside the picture
     mask[200:202, 20:280] = 1
     assert straight_runs(mask, WIDE) == []
     assert straight_runs(0 * mask, WIDE) == []

@@ -102,7 +102,7 @@ class Predictor:
         output is NaN or infinite.
         """
         asked = _OUTPUTS if self.refiner is None else [*_OUTPUTS, _MASK]
-        boxes, scores, poses, *masks = self._run(asked, images)
+        boxes, scores, poses, *of_images = self._run(asked, images)
         found = list(self._unpadded(boxes, scores, poses))
         if camera is not None:
             found = [_seen_by(camera, self.camera, each) for each in found]
@@ -111,8 +111,14 @@ class Predictor:
         if camera is None:
             height, width = images.shape[1:3]
             camera = Camera(width, height, self.camera.focal_px, width / 2, height / 2)
-        inputs = zip(images, self._finite(*masks), found, fine or [None] * len(images), strict=True)
+        masks = (self._finite(*of_images) + self._mirrored_masks(images)) / 2
+        inputs = zip(images, masks, found, fine or [None] * len(images), strict=True)
         return [self.refiner(rgb, mask, each, camera, finer) for rgb, mask, each, finer in inputs]
+
+    def _mirrored_masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The masks (N, H, W) of images (N, H, W, 3) from their mirror images: the errors of both
+        differ, so their mean is more exact (test-time augmentation)."""
+        return self.masks(np.ascontiguousarray(images[:, :, ::-1]))[:, :, ::-1]
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The masks (N, S, S), probabilities of a shaft, of images (N, S, S, 3) uint8 RGB, from a

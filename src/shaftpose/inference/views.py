@@ -61,39 +61,24 @@ Crop = tuple[int, int, int, int]
 
 
 class Scaled:
-    """A rectangle of an unknown camera's frame, scaled to the image of a model's camera.
+    """A frame of width x height px, seen by an unknown camera, scaled to a model's image."""
 
-    corner, size: (2,) px of the frame; `x, y`.
-    """
-
-    def __init__(self, corner: Array, size: Array, camera: Camera) -> None:
-        self.camera, self._corner, self._size = camera, corner, size
-        self._scale = size / [camera.width, camera.height]
+    def __init__(self, width: int, height: int, camera: Camera) -> None:
+        self.camera, self._scale = camera, np.array([width, height]) / [camera.width, camera.height]
 
     def picture(self, rgb: Image) -> Image:
-        """The rectangle, scaled."""
-        return self._scaled(rgb, 1)
+        """The frame, scaled."""
+        return resized(rgb, self.camera.width, self.camera.height)
 
     def fine_picture(self, rgb: Image) -> Image | None:
-        """The rectangle with more pixels, if the frame has them."""
+        """The frame with more pixels than the model's, if it has them."""
         times = _finer(float(self._scale.min()))
-        return self._scaled(rgb, times) if times > 1 else None
+        width, height = times * self.camera.width, times * self.camera.height
+        return resized(rgb, width, height) if times > 1 else None
 
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame from pixels (N, 2) of the picture."""
-        return np.asarray(points * self._scale + self._corner)
-
-    def _scaled(self, rgb: Image, times: int) -> Image:
-        (x, y), (width, height) = self._corner.astype(int), self._size.astype(int)
-        part = rgb[y : y + height, x : x + width]
-        return resized(part, times * self.camera.width, times * self.camera.height)
-
-
-def central_square(width: int, height: int, model: Camera) -> Scaled:
-    """The central square of a frame, for a model of a fixed size."""
-    side = min(width, height)
-    corner = np.array([(width - side) // 2, (height - side) // 2])  # whole pixels
-    return Scaled(corner, np.array([side, side]), model)
+        return np.asarray(points * self._scale)
 
 
 def whole_frame(width: int, height: int, side_px: int) -> Scaled:
@@ -106,7 +91,7 @@ def whole_frame(width: int, height: int, side_px: int) -> Scaled:
     size = round(side_px * width / min(width, height)), round(side_px * height / min(width, height))
     focal_px = Camera.from_field_of_view(side_px, side_px, ASSUMED_VIEW_DEG).focal_px
     camera = Camera(*size, focal_px, size[0] / 2, size[1] / 2)
-    return Scaled(np.zeros(2), np.array([width, height]), camera)
+    return Scaled(width, height, camera)
 
 
 def check_frame(width: int, height: int) -> None:
@@ -153,49 +138,47 @@ class Resampled:
         return self._calibration.image_px((points - centre) / self.camera.focal_px)
 
 
-class Part:
-    """A view of a part of frames, by `x, y, width, height` in px of the frame."""
+class Prepared:
+    """A view of frames that are cut or stretched before.
 
-    def __init__(self, view: View, part: Crop) -> None:
-        self._view, self._part, self.camera = view, part, view.camera
-
-    def picture(self, rgb: Image) -> Image:
-        """The model's image of the part."""
-        return self._view.picture(self._cut(rgb))
-
-    def fine_picture(self, rgb: Image) -> Image | None:
-        """The same with more pixels, if the frame has them."""
-        return self._view.fine_picture(self._cut(rgb))
-
-    def image_px(self, points: Array) -> Array:
-        """Pixels (N, 2) of the whole frame from pixels (N, 2) of the model's image."""
-        return self._view.image_px(points) + np.array(self._part[:2])
-
-    def _cut(self, rgb: Image) -> Image:
-        x, y, width, height = self._part
-        return rgb[y : y + height, x : x + width]
-
-
-class Stretched:
-    """A view of frames of oblong pixels, which are stretched to square ones.
-
-    stretch: (2,) px of the stretched frame per px of the frame; `x, y`.
+    prepare: of a frame. corner, scale: (2,), `x, y`; pixel p of a prepared frame is pixel
+    scale p + corner of the frame.
     """
 
-    def __init__(self, view: View, size: tuple[int, int], stretch: Array) -> None:
-        self._view, self._size, self._stretch, self.camera = view, size, stretch, view.camera
+    def __init__(
+        self, view: View, prepare: Callable[[Image], Image], corner: Array, scale: Array
+    ) -> None:
+        self._view, self._prepare, self.camera = view, prepare, view.camera
+        self._corner, self._scale = corner, scale
 
     def picture(self, rgb: Image) -> Image:
-        """The model's image of the stretched frame."""
-        return self._view.picture(resized(rgb, *self._size))
+        """The model's image of the prepared frame."""
+        return self._view.picture(self._prepare(rgb))
 
     def fine_picture(self, rgb: Image) -> Image | None:
         """The same with more pixels, if the frame has them."""
-        return self._view.fine_picture(resized(rgb, *self._size))
+        return self._view.fine_picture(self._prepare(rgb))
 
     def image_px(self, points: Array) -> Array:
         """Pixels (N, 2) of the frame from pixels (N, 2) of the model's image."""
-        return np.asarray(self._view.image_px(points) / self._stretch)
+        return np.asarray(self._scale * self._view.image_px(points) + self._corner)
+
+
+def part_of(view: View, part: Crop) -> View:
+    """The view of a part of a frame."""
+    x, y, width, height = part
+
+    def cut(rgb: Image) -> Image:
+        return rgb[y : y + height, x : x + width]
+
+    return Prepared(view, cut, np.array([x, y]), np.ones(2))
+
+
+def central_square(width: int, height: int, model: Camera) -> View:
+    """The central square of an unknown camera's frame, for a model of a fixed size."""
+    side = min(width, height)
+    square = (width - side) // 2, (height - side) // 2, side, side
+    return part_of(Scaled(side, side, model), square)
 
 
 def square_pixels(views: SquareViews) -> Views:
@@ -204,8 +187,9 @@ def square_pixels(views: SquareViews) -> Views:
     def view(width: int, height: int, aspect: float) -> View:
         if aspect == 1:
             return views(width, height)
-        stretched = round(width * max(aspect, 1)), round(height * max(1 / aspect, 1))
-        return Stretched(views(*stretched), stretched, np.array(stretched) / [width, height])
+        wide, high = round(width * max(aspect, 1)), round(height * max(1 / aspect, 1))
+        scale = np.array([width / wide, height / high])
+        return Prepared(views(wide, high), lambda rgb: resized(rgb, wide, high), np.zeros(2), scale)
 
     return view
 
@@ -227,7 +211,7 @@ def parts_of(views: Views, part: Crop) -> Views:
                 "(x, y, width, height); name a part inside the frame"
             )
         try:
-            return Part(views(width, height, aspect), part)
+            return part_of(views(width, height, aspect), part)
         except InputError as error:
             raise InputError(f"{option}: {error}") from error
 

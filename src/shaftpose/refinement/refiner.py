@@ -32,9 +32,9 @@ _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
 _STARTS, _RESIDUAL_PX = 4, 4.0  # pitches from which the fit to the mask starts, and their rating
-# Pitches may be so far below the training's range: a camera that sees a wider angle than assumed
-# shows a shaft that widens more.
-_BEYOND_DEG = 15.0
+# Pitches may be so far below the training's range: shafts of real frames often widen more towards
+# their near end (docs/beyond.md).
+_BEYOND_DEG = 45.0
 _NEAR_RUN = 0.5  # widths: a pose so near to a run may lie on it
 _READER_UNDERSTATED = 14.0  # see `EdgeErrors`, with one pixel for each of the model's
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.

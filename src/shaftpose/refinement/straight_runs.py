@@ -24,7 +24,7 @@ _LEAST_GAIN = 10.0
 _CLEAR, _LEAST_KNOWN = 0.5, 0.3  # least share of the run's contrast, and weight, of a clear slice
 _LONGEST_GAP = 3.0  # widths: two shafts that point at each other are no run
 _MARGIN_PX = 4.0  # around a run: pixels that belong to it, too
-_LEAST_LENGTH, _LEAST_PX = 0.95, 300.0  # length in widths, and area
+_LEAST_LENGTH, _LEAST_PX = 0.6, 300.0  # length in widths, and area
 _AT_BORDER, _AT_BORDER_PX = 0.5, 4.0  # widths: an end so near to the border is on it
 
 
