@@ -1,5 +1,6 @@
 """The files of the package whose change trains a variant again."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import pytest
 
 import shaftpose
 from shaftpose.stage_files import DataRecord
-from shaftpose.training.fingerprint import WITHOUT_EFFECT, code_files, fingerprint
+from shaftpose.training.fingerprint import READERS, VALIDATION, code_files, fingerprint
 from tests.pipeline.conftest import recipe_with
 
 PACKAGE = Path(shaftpose.__file__).parent
@@ -61,7 +62,7 @@ def test_a_variant_depends_on_these_files_and_no_others(variant: str) -> None:
 
 def test_rules_and_exceptions_name_what_exists() -> None:
     assert [name for name in RULES if not (PACKAGE / name).exists()] == []
-    assert all(map(find_spec, WITHOUT_EFFECT))
+    assert all(map(find_spec, (*READERS, *VALIDATION)))
 
 
 @pytest.mark.parametrize(
@@ -89,3 +90,15 @@ def test_changed_bytes_train_again_what_depends_on_them(
     monkeypatch.setattr(Path, "read_bytes", changed_bytes)
     after = {name: fingerprint(recipe, DATA) for name, recipe in recipes.items()}
     assert {name for name in recipes if after[name] != before[name]} == trained_again
+
+
+@pytest.mark.parametrize("option", ["keep_best=true", "patience=2"])
+def test_what_validation_computes_counts_where_it_decides(option: str) -> None:
+    plain, decided = recipe_with("variant=e"), recipe_with("variant=e", f"training.{option}")
+    added = {path.relative_to(PACKAGE).as_posix() for path in code_files(decided)}
+    added -= {path.relative_to(PACKAGE).as_posix() for path in code_files(plain)}
+    assert {"training/validation_metrics.py", "network/dense/decoding.py"} <= added
+    assert any(name.startswith("metrics/") for name in added)
+    stricter = replace(decided.detection, nms_iou=0.9)
+    assert fingerprint(replace(decided, detection=stricter), DATA) != fingerprint(decided, DATA)
+    assert fingerprint(replace(plain, detection=stricter), DATA) == fingerprint(plain, DATA)

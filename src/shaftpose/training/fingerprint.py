@@ -15,27 +15,30 @@ from shaftpose.dataset.split import PARTS, read_keys
 from shaftpose.source_code import source_files
 from shaftpose.stage_files import DataRecord, MixedInImages, read_domain
 from shaftpose.training.data import DataFolders
-from shaftpose.training.recipe import Recipe
+from shaftpose.training.recipe import Recipe, without
 
 _PACKAGES = ("torch", "lightning", "numpy", "opencv-python-headless")
-# Modules that a training runs, but that do not change its weights. Validation only decodes and
-# measures. A reader of data matters only by the data that it reads, whose digest counts.
-WITHOUT_EFFECT = tuple(
-    f"shaftpose.{name}"
-    for name in (
-        "training.validation_metrics",
-        "network.ssd.decoding",
-        "network.dense.decoding",
-        "training.fingerprint",
-        "dataset.coco",
-        "image_files.reading",
-    )
+# Modules that a training runs, but that do not change its weights. A reader of data matters only by
+# the data that it reads, whose digest counts.
+READERS = (
+    "shaftpose.training.fingerprint",
+    "shaftpose.dataset.coco",
+    "shaftpose.image_files.reading",
+)
+# Validation only decodes and measures, unless it chooses the weights or ends the training.
+VALIDATION = (
+    "shaftpose.training.validation_metrics",
+    "shaftpose.network.ssd.decoding",
+    "shaftpose.network.dense.decoding",
 )
 
 
 def fingerprint(recipe: Recipe, data: DataRecord) -> str:
     """Hexadecimal digest of all that determines a training: settings, code, packages and data."""
-    described = json.dumps([recipe.fingerprint_fields(), asdict(data)])
+    settings = recipe.fingerprint_fields()
+    if _validation_decides(recipe):
+        settings["limits"] = without({"confidence_threshold", "refine"}, recipe.detection)
+    described = json.dumps([settings, asdict(data)])
     # The variant's file has numbers as they were written: 1 and 1.0 are the same.
     same = json.loads(described, parse_int=float)
     digest = hashlib.sha256(json.dumps(same, sort_keys=True).encode())
@@ -52,7 +55,13 @@ def code_files(recipe: Recipe) -> list[Path]:
     networks = [
         name.rpartition(".")[0] for name in re.findall(r'"_target_": "([\w.]+)"', described)
     ]
-    return source_files(["shaftpose.training.run", *networks], WITHOUT_EFFECT)
+    unused = READERS if _validation_decides(recipe) else (*READERS, *VALIDATION)
+    return source_files(["shaftpose.training.run", *networks], unused)
+
+
+def _validation_decides(recipe: Recipe) -> bool:
+    """Whether validation chooses the weights, or the last step."""
+    return recipe.training.keep_best or recipe.training.patience is not None
 
 
 def data_record(folders: DataFolders, mixed_in: bool, start: Path | None) -> DataRecord:
