@@ -1,8 +1,8 @@
 """Damaged and odd inputs: `python -m benchmarks.fuzz --cases 5000 --seed 1`.
 
-Each case is read in a process that may die. Whatever is neither read nor refused in words is
-printed with the command that repeats it, and the exit status is 1. A video of which damage takes
-frames without a word counts as lost.
+Each case is read in a process that may die. Other outcomes than `read` and `refused` are printed
+with the command that repeats them; the exit status is then 1. `lost` is an input that was read
+wrongly without a warning, such as a video with missing frames.
 """
 
 import argparse

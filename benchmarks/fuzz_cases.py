@@ -1,7 +1,7 @@
 """Damaged and odd inputs for `benchmarks.fuzz`, one kind in a function each.
 
-A function writes the input of a generator to an empty folder and reads it. It raises InputError if
-the input is refused in words, and AssertionError if it is taken for something that it is not.
+A function writes a random input to an empty folder and reads it. It raises InputError if the input
+is refused with a message, and AssertionError if it is read wrongly without a warning.
 """
 
 import json
@@ -129,7 +129,7 @@ def image(folder: Path, rng: Generator) -> None:
 
 
 def video(folder: Path, rng: Generator) -> None:
-    """A video file: refused, or all of its frames except one, which no stated duration shows."""
+    """A video file: refused, or read with a warning, or with one frame missing at most."""
     kinds = [("MJPG", "avi"), ("mp4v", "mp4"), ("mp4v", "mkv")]
     code, suffix = kinds[rng.integers(len(kinds))]
     path = folder / f"film.{suffix}"

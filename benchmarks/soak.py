@@ -1,7 +1,7 @@
 """Memory over many frames: `make bench-soak`.
 
-The package's first model predicts large frames one after another. How much its process has grown
-since the first thousand is written to `reports/benchmarks/soak.json`.
+The package's default model finds the shafts in large frames, one after another. The growth of its
+process since the first thousand is written to `reports/benchmarks/soak.json`.
 """
 
 import argparse

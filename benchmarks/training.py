@@ -1,4 +1,4 @@
-"""Training speed: `make bench-train`, after `dvc repro split real_images`.
+"""Training speed: `make bench-train`, after `dvc repro split`.
 
 For the networks of the profiles `paper` and `bench`: images per second of (a) the network's step
 alone, i.e. forward, loss, backward and optimiser on one repeated batch, and (b) whole training

@@ -95,8 +95,8 @@ def by_scale(records: Sequence[EvaluatedTraining]) -> dict[Scale, list[Evaluated
 
 
 def _check_alike(records: Sequence[EvaluatedTraining]) -> None:
-    """Raise InputError unless trainings of one scale agree in what only some of them have, which
-    is therefore not part of the scale."""
+    """Raise InputError unless, at one scale, trainings of one variant have equal settings, variants
+    have titles of their own, and trainings with mixed-in images share these."""
     for one, other in combinations(records, 2):
         pair = " and ".join(
             f"reports/trainings/{record.row.variant}-{record.row.seeds[0]}-*.json"

@@ -1,6 +1,6 @@
 """Write the tables of docs/architecture.md: maps, default boxes, sizes, rounding by classes.
 
-The networks are built as in training, for all files of conf/variant that learn poses, at the widths
+The networks are built as in training, for the single-shot variants that learn poses, at the widths
 and depths of conf/profiles.yaml. They use no memory for weights (torch's device `meta`).
 """
 

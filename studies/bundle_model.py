@@ -4,8 +4,8 @@
 evaluated on the images in data/; for the pipeline's variant e: `models/e --results
 data/results/e`. It stores the model in half the bytes, compares both files on the test images, and
 writes it to src/shaftpose/models/, with checksum and card, and three test images with bounds for
-the model's errors on them to tests/data/bundled_models/. Images in front of a folder's backgrounds
-are not written: they belong to others.
+the model's errors on them to tests/data/bundled_models/. If the backgrounds come from a folder,
+these images are not written: the backgrounds belong to others.
 """
 
 import argparse

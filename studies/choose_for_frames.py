@@ -2,8 +2,8 @@
 
 `python -m studies.choose_for_frames models/e_real/model.onnx --data FOLDER` takes the frames of
 `FOLDER/validation.json` from `shaftpose real fetch`. It stores in the file the shorter side of what
-the network sees of a frame, and the threshold, that together have the best mean of the F1 of boxes,
-masks and axes: by one of them alone, too few shafts would choose. The threshold replaces the one
+the network sees of a frame, and the threshold, that together have the best mean F1 of boxes, masks
+and axes: there are too few shafts to choose by one of them alone. The threshold replaces the one
 that the export has chosen by rendered images. With `--edge-reader-of`, the model first takes the
 edge reader of another one: trained with sharp renders alone, a reader is more exact.
 """

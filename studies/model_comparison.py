@@ -14,9 +14,9 @@ from shaftpose.metrics.pose_errors import PoseErrors, pose_errors
 from shaftpose.metrics.table import MetricValues
 from shaftpose.report.cells import show
 
-# Limits: change of the mAP, growth of mean errors, and least share of common detections, as
-# rounding moves a few scores across the confidence threshold. Where an image leaves a pose open, it
-# also makes a fit end at another of its starts: the pose changes, its error on average does not.
+# Limits: change of the mAP, growth of mean errors, and least share of common detections (rounding
+# moves a few scores across the threshold). Rounding can also make an ambiguous fit take another
+# of its starts: its pose changes, mean errors do not.
 MAP_CHANGE, GROWTH, LEAST_SHARED = 0.005, 0.03, 0.95
 
 

@@ -1,9 +1,9 @@
 """A finished training's model in 8 bits, compared with the exported one.
 
 `python -m studies.quantise models/d` takes the ranges of values from training images and writes
-`model_8bit.onnx` beside the folder's `model.onnx`, and nothing if its network, without a fit of
-poses, is worse on the validation and test images in data/. Wide networks run fastest by `shaftpose
-predict --backend openvino`.
+`model_8bit.onnx` beside the folder's `model.onnx`. Nothing is written if its network, without a fit
+of poses, loses more on the validation and test images in data/ than MAP_LOSS and SHARE_LOST allow.
+Wide networks run fastest by `shaftpose predict --backend openvino`.
 """
 
 import argparse

@@ -174,7 +174,7 @@ def test_a_shaft_shorter_than_its_tip_is_named(changed: dict[str, Any], least: s
     message = complaint(ShaftSettings, {**PARAMS["shaft"], **changed})
     length = f"{changed['length_mm']:g}"
     assert message.startswith(
-        f"params.yaml: part: length_mm = {length} must be more than {least}, the length of the tip"
+        f"params.yaml: part: length_mm = {length} must be more than {least} for the tip"
     )
 
 

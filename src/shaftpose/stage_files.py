@@ -41,7 +41,7 @@ class MixedInImages:
 class DataRecord:
     """The data of a training.
 
-    start: digest of the detector that it started from, None for random weights; digest: of the
+    start: digest of the checkpoint that it started from, None without one; digest: of the
     rendered images and their split; mixed_in: None for a training on rendered images alone.
     """
 

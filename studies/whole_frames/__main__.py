@@ -1,4 +1,4 @@
-"""Measure a model on whole frames of any shape and camera, against the project's bars.
+"""Measure a model on whole frames of any shape and camera, against the project's aims.
 
 `python -m studies.whole_frames --model shaftpose --frames 300` renders frames with the settings of
 params.yaml on backgrounds of its own, without occluders and crossing shafts unless a row needs

@@ -4,8 +4,8 @@ Lengths in px are those of an image whose shorter side has 299 px.
 
 - A true tip is `outside` of the picture; `hidden` if nine tenths of the shaft's pixels within one
   radius of it are; else `seen`. A shaft with fewer than 400 visible px does not count.
-- A detection finds the seen tip nearest to its own, within 15 px; each finds one, and is found by
-  one.
+- Detections and seen tips within 15 px are matched one to one, nearest pairs first: a detection
+  then finds the tip's shaft.
 - A shaft without a seen tip, or one that does not count, is found by a remaining detection at least
   half of whose silhouette lies on the shaft's.
 - A detection that finds nothing is false, and so is one that finds a shaft without a seen tip and

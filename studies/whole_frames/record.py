@@ -1,4 +1,4 @@
-"""Figures of whole frames and their bars: the records in reports/whole_frames, and tables."""
+"""Figures of whole frames and their aims: the records in reports/whole_frames, and tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -19,7 +19,7 @@ _HEADINGS = ("Frames", "Figure", "Value", "Bar", "", "Measured on", "Seed")
 class Figure:
     """A measured value, None if there was nothing to measure.
 
-    on: what it was measured on, in numbers. least, most: its bar. parts: details behind it.
+    on: what it was measured on, in numbers. least, most: its aim. parts: details behind it.
     """
 
     name: str
@@ -31,14 +31,14 @@ class Figure:
 
     @property
     def bar(self) -> str:
-        """The bar in words; empty without one."""
+        """The aim in words; empty without one."""
         if self.least is not None:
             return f">= {self.least:g}"
         return "" if self.most is None else f"<= {self.most:g}"
 
     @property
     def verdict(self) -> str:
-        """Whether the bar is met, in a word; empty without one."""
+        """Whether the aim is met, in a word; empty without one."""
         if self.least is None and self.most is None:
             return ""
         if self.value is None:

@@ -1,4 +1,4 @@
-"""The table of rows: which frames a model is measured on, and which figures have which bars."""
+"""The table of rows: which frames a model is measured on, and which figures have which aims."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

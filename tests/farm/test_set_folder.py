@@ -15,8 +15,8 @@ import trimesh
 import shaftpose
 from shaftpose.core.errors import InputError
 from shaftpose.farm.set_folder import (
-    has_recorded_checksum,
     link_shards,
+    matches_checksum,
     read_set,
     record_checksum,
     write_set,
@@ -48,9 +48,9 @@ def test_a_changed_shard_is_noticed(tmp_path: Path) -> None:
         path.write_bytes(b"images")
     record_checksum(shard)
     for path in (shard, killed):  # the second one has no record yet
-        assert has_recorded_checksum(path)
+        assert matches_checksum(path)
         path.write_bytes(b"imagez")
-        assert not has_recorded_checksum(path)
+        assert not matches_checksum(path)
 
 
 def test_a_set_is_read_as_it_was_written_wherever_the_reader_stands(

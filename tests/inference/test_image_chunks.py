@@ -108,7 +108,7 @@ def test_an_image_that_no_process_survives_costs_none_but_itself(
     found, _ = run(images, options, deadly)
     assert [image.source for image in found] == [image.name for image in images]
     (lost,) = [image for image in found if image.error]
-    assert lost.error.startswith("03.png: every process that predicted it died")
+    assert lost.error.startswith("03.png: every process that looked for its shafts died")
 
 
 def test_a_run_loads_the_model_once(

@@ -51,15 +51,18 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "such names from standard input, one a line",
     )  # fmt: skip
     _add_model(parser)
-    parser.add_argument("--score", type=float, help="least score (the model's own threshold)")
+    parser.add_argument(
+        "--score", type=float, help="least score (default: the model's own threshold)"
+    )
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
         help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
-        "and then the edges in the image, the slowest and most exact (edges)",
+        "and then the edges in the image, the slowest and most exact (default: edges)",
     )  # fmt: skip
     parser.add_argument(
         "--backend", choices=get_args(Backend), default="onnxruntime",
-        help="the program that runs the model (onnxruntime); openvino needs the extra of that name",
+        help="the program that runs the model (default: onnxruntime); openvino needs the extra of "
+        "that name",
     )  # fmt: skip
     camera = parser.add_mutually_exclusive_group()
     camera.add_argument(
@@ -71,32 +74,35 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--diameter-mm", type=float,
-        help="diameter of your shafts, by which x, y and z are scaled (that of the model's shafts, "
-        "with poses marked as not metric)",
+        help="diameter of your shafts, by which x, y and z are scaled (default: that of the "
+        "model's shafts, and poses are marked as not metric)",
     )  # fmt: skip
     parser.add_argument(
         "--crop", type=_crop, metavar="X,Y,W,H",
-        help="look at this part of all frames alone, such as one eye of a stereo film: its first "
-        "pixel, width and height; the camera is then that of the part (the whole frame)",
+        help="use only this part of each frame, such as one eye of a stereo video: x, y, width, "
+        "height; --camera then describes the part (default: the whole frame)",
     )  # fmt: skip
     parser.add_argument(
         "--start", type=_seconds, default=0.0, metavar="TIME",
-        help="where films begin, in s or as [HOURS:]MINUTES:SECONDS (0)",
+        help="where films begin, in s or as [HOURS:]MINUTES:SECONDS (default: 0)",
     )  # fmt: skip
     parser.add_argument(
-        "--end", type=_seconds, default=math.inf, metavar="TIME", help="where they end (their end)"
-    )
+        "--end", type=_seconds, default=math.inf, metavar="TIME",
+        help="where films end (default: their end)",
+    )  # fmt: skip
     parser.add_argument(
-        "--every", type=_positive, default=1, metavar="N", help="look at each N-th frame alone (1)"
-    )
+        "--every", type=_positive, default=1, metavar="N",
+        help="use only each N-th frame (default: 1)",
+    )  # fmt: skip
     parser.add_argument(
         "--track", action="store_true",
         help="number the shafts of videos, streams and folders of frames, and smooth their poses",
     )  # fmt: skip
     parser.add_argument(
-        "--format", choices=("jsonl", "csv", "bop"), default="jsonl", help="of results (jsonl)"
-    )
-    parser.add_argument("--out", type=Path, help="folder for results (standard output)")
+        "--format", choices=("jsonl", "csv", "bop"), default="jsonl",
+        help="of results (default: jsonl)",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, help="folder for results (default: standard output)")
     parser.add_argument(
         "--resume", action="store_true",
         help="continue an interrupted run with the same options: skip what the results in --out "
@@ -114,7 +120,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
 
 def _add_demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--out", type=Path, default=Path("shaftpose_demo"), help="folder (shaftpose_demo)"
+        "--out", type=Path, default=Path("shaftpose_demo"), help="folder (default: shaftpose_demo)"
     )
 
 
@@ -123,14 +129,14 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, help="of shards, real images or backgrounds")
     parser.add_argument("--out", type=Path, required=True, help="the JPEG file to write")
     parser.add_argument(
-        "--count", type=_positive, default=20, help="number of images, at most 500 (20)"
+        "--count", type=_positive, default=20, help="number of images, at most 500 (default: 20)"
     )
-    parser.add_argument("--columns", type=_positive, default=5, help="images in a row (5)")
+    parser.add_argument("--columns", type=_positive, default=5, help="images in a row (default: 5)")
 
 
 def _add_real(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=("fetch",))
-    parser.add_argument("folder", type=Path, help="to write to; becomes params.yaml: real.source")
+    parser.add_argument("folder", type=Path, help="output folder, for real.source in params.yaml")
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
@@ -144,14 +150,15 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
         help="a model of the package (see `shaftpose models`), an ONNX file, or mlflow:/NAME@ALIAS "
-        "of a registry (shaftpose)",
+        "of a registry (default: shaftpose)",
     )
 
 
 def _add_models(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "name", nargs="?", choices=bundled_names(), help="describe this model (a table of all)"
-    )
+        "name", nargs="?", choices=bundled_names(),
+        help="describe this model (default: a table of all)",
+    )  # fmt: skip
 
 
 # Command, a module of `shaftpose.cli` -> its summary, examples and options.

@@ -82,7 +82,7 @@ class Frame:
     target: str
 
     def is_in(self, folder: Path, blobs: Mapping[str, str]) -> bool:
-        """Whether the folder holds it. blobs: git's names of the contents of files."""
+        """Whether the folder holds it. blobs: file -> git's blob hash of its content."""
         path = folder / self.target
         return path.is_file() and _blob(path.read_bytes()) == blobs.get(self.file)
 
@@ -155,7 +155,7 @@ def fetch(out: Path, repositories: Mapping[str, Repository]) -> None:
 
 
 def annotations(name: str) -> dict[str, Any]:
-    """The COCO file of a part, with what the package leaves out since polygons tell it."""
+    """The COCO file of a part, completed by the values that follow from its polygons."""
     content: dict[str, Any] = read_json(_ANNOTATIONS / name, "install shaftpose again")
     for annotation in content["annotations"]:
         annotation |= {"iscrowd": 0} | _extent(annotation["segmentation"])
@@ -209,13 +209,13 @@ def _download(repository: Repository, images: Sequence[Frame | Square], out: Pat
 
 
 def _blobs(listing: str) -> dict[str, str]:
-    """git's names of the contents of files, from its listing `mode blob NAME<tab>FILE`."""
+    """file -> git's blob hash of it, from its listing `mode blob HASH<tab>FILE`."""
     entries = (entry.partition("\t") for entry in listing.split("\0") if entry)
     return {file: about.split()[2] for about, _, file in entries}
 
 
 def _blob(content: bytes) -> str:
-    """git's name of a file's content."""
+    """git's blob hash of a file's content."""
     header = f"blob {len(content)}\0".encode()
     return hashlib.sha1(header + content, usedforsecurity=False).hexdigest()
 

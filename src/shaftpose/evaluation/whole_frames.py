@@ -81,7 +81,7 @@ def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
 
 def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
     """The pixels (H, W) of any part of an instrument in a frame that a view shows whole; None if
-    the model does not say. As shafts, they are looked for where the frame is not black."""
+    the model does not say. Black borders are skipped, as for shafts."""
     picture = Picture(view.picture(rgb), None, view.camera)
     height, width = picture.rgb.shape[:2]
     field = visible_field(picture.rgb) or VisibleField((0, 0, width, height))

@@ -36,7 +36,7 @@ def export_model(
 ) -> Parity:
     """Write `model.onnx`, still without confidence thresholds, and `parity.json` to `out`.
 
-    images: (N, 299, 299, 3) uint8, on which file and network are compared. rendering: settings of
+    images: (N, S, S, 3) uint8, on which file and network are compared. rendering: settings of
     the training images, whose camera and shaft are stored in the file. Raises InputError if file
     and network differ.
     """

@@ -36,8 +36,9 @@ class Parity:
     tied: on one side alone, because rounding decided between equal scores. jumped: with poses that
     differ by more than the tolerance; `jumps_allowed` are accepted. score, box_px, pose (mm or
     deg): largest differences of detections on both sides. mask: largest difference of the
-    probabilities of a shaft; None without a mask. edge: of the edge reader's offsets, in columns of
-    its strips, and of the logarithms of their errors; None without an edge reader.
+    masks' probabilities (shaft and instrument); None without masks. edge: of the edge reader's
+    offsets, in columns of its strips, and of the logarithms of their errors; None without an edge
+    reader.
     """
 
     images: int
@@ -68,7 +69,7 @@ def check_parity(
     least_score: float = 0.1,
     continuous: bool = True,
 ) -> Parity:
-    """Compare the detections of at least `least_score` in images (N, 299, 299, 3) uint8 RGB; all,
+    """Compare the detections of at least `least_score` in images (N, S, S, 3) uint8 RGB; all,
     if a barely trained network has none of that score.
 
     continuous: whether the poses are numbers instead of classes.
@@ -107,7 +108,7 @@ def mask_difference(
     detector: ShaftDetector, predictor: Predictor, images: NDArray[np.uint8]
 ) -> float:
     """The largest difference between the masks of a network and of its file, in images
-    (N, 299, 299, 3) uint8 RGB."""
+    (N, S, S, 3) uint8 RGB."""
     with torch.inference_mode():
         *_, shafts, tools = detector.eval()(torch.from_numpy(images))
     pairs = (shafts, predictor.masks(images)), (tools, predictor.tools(images))

@@ -14,7 +14,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import naming_full_disk
 from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
-from shaftpose.farm.set_folder import has_recorded_checksum, link_shards, write_set
+from shaftpose.farm.set_folder import link_shards, matches_checksum, write_set
 from shaftpose.farm.shard_task import RunParameters, render_shard
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
 from shaftpose.settings.schema import ClusterSettings
@@ -63,7 +63,7 @@ def _is_finished(shard: Shard) -> bool:
 
     It shares its bytes with its hard link in `out`, which may have been changed there.
     """
-    finished = shard.is_finished() and has_recorded_checksum(shard.path)
+    finished = shard.is_finished() and matches_checksum(shard.path)
     if shard.path.exists() and not finished:
         logger.warning("%s is truncated or damaged: rendering it again", shard.path)
         shard.path.unlink()

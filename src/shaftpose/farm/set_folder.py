@@ -49,9 +49,8 @@ def record_checksum(shard: Path) -> None:
         part.write_text(_checksum(shard))
 
 
-def has_recorded_checksum(shard: Path) -> bool:
-    """Whether a finished shard's bytes are those of its record; one without, whose run was killed,
-    gets it."""
+def matches_checksum(shard: Path) -> bool:
+    """Whether a finished shard matches its checksum; writes a missing one (of a killed run)."""
     if not _record(shard).is_file():
         record_checksum(shard)
     return _record(shard).read_text() == _checksum(shard)

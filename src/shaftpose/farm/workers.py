@@ -1,4 +1,4 @@
-"""Dask workers: processes of this machine, which answer to nobody else, or a scheduler's."""
+"""Dask workers: processes of this machine, for this run alone, or those of a running scheduler."""
 
 import logging
 from collections.abc import Iterator
@@ -69,7 +69,7 @@ def _local(workers: int) -> LocalCluster:
         n_workers=workers,
         threads_per_worker=1,
         host="127.0.0.1",
-        security=True,  # keys of this run alone: any account of the machine can connect
+        security=True,  # needs this run's keys: else any local account could connect
         dashboard_address=PAGES,
         worker_dashboard_address=None,
         memory_limit=None,  # of the Dask worker, without Blender's memory

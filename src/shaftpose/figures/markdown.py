@@ -17,6 +17,6 @@ def pipe_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def escape(text: str) -> str:
-    """Plain text as Markdown of one line that shows it as it is, also to readers who take all tags
-    for HTML."""
+    """One line of Markdown that shows plain text unchanged, also in renderers that accept HTML
+    tags."""
     return _MARKUP.sub(r"\\\g<0>", html.escape(" ".join(text.split()), quote=False))

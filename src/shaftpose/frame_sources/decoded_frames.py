@@ -31,8 +31,8 @@ class DecodedFrames:
         self._last: NDArray[np.uint8] | None = None
 
     def check(self, number: int, bgr: NDArray[np.uint8]) -> None:
-        """Raise InputError if OpenCV has not written a frame, (H, W, 3). After the first one, only
-        a frame that repeats the one before it can be such a one; the first of these is checked."""
+        """Raise InputError if OpenCV has not written a frame, (H, W, 3). Checks the first frame
+        and the first that equals the one before it, as all later unwritten frames do."""
         self._lit = self._lit or bool(bgr.any())
         first = self._last is None
         repeats = self._repeats or (self._last is not None and np.array_equal(self._last, bgr))

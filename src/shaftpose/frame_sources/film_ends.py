@@ -43,8 +43,8 @@ def is_cut(path: Path) -> bool:
 
 
 def film_seconds(path: Path) -> float | None:
-    """How long an MP4 film lasts; None for other containers. Of a film that was trimmed without
-    being compressed again, the number of frames counts those that were trimmed, too."""
+    """How long an MP4 film lasts; None for other containers. The frame count of a film that was
+    trimmed without being compressed again includes the trimmed frames."""
     with path.open("rb") as file:
         size = path.stat().st_size
         for start in (0, *_box_ends(file, size)):

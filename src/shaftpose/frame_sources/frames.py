@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Frame:
-    """An image to predict.
+    """An input image.
 
     source: the name that the user gave: an image file, a video file, a camera or a URL. number:
     position in a video or stream, from 0; 0 for an image file. rgb: (H, W, 3) uint8. time_s: since

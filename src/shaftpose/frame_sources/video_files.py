@@ -118,8 +118,8 @@ class VideoFile:
     def _check_end(self, count: int, end_s: float, stated: int, fps: float, warn: Warn) -> None:
         """Raise InputError or warn if frames are missing.
 
-        The stated number may be an estimate from the film's length, or count trimmed frames: then
-        its end in time decides, where the last frame may be shown as long as any other.
+        The stated number may be an estimate from the film's length, or include trimmed frames:
+        then the end time decides; the last frame may last as long as the longest.
         """
         stated_s = film_seconds(self.path) or stated / fps
         share = max(count / max(stated, 1), end_s / stated_s if stated_s else 1.0)

@@ -43,7 +43,8 @@ def picture_count(data: bytes) -> int:
 
 
 def still(data: bytes) -> bytes:
-    """The file with its first picture alone, where OpenCV 4.11 crashes on damaged others."""
+    """An animated PNG without its animation, any other file as it is: OpenCV 4.11 may crash on a
+    damaged animation."""
     if data[:4] != b"\x89PNG" or next(_animation(data), None) is None:
         return data
     return data[:8] + b"".join(c for c in png_chunks(data) if c[4:8] not in _ANIMATION)

@@ -57,7 +57,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PredictedImage:
-    """A predicted image file, which is at once a source and its only frame.
+    """The shafts found in an image file, which is at once a source and its only frame.
 
     error: why the prediction failed; empty if it did not.
     """
@@ -88,7 +88,7 @@ class Prediction:
 
 
 def predict_chunk(chunk: Chunk) -> Prediction:
-    """Predict the images of a chunk. The process loads the model once for a run.
+    """Find the shafts in the images of a chunk. The process loads the model once for a run.
 
     Raises InputError if the software differs or the model cannot be used.
     """

@@ -48,11 +48,11 @@ class Earlier:
 
 
 def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
-    """Drop the last frame from a file of results, which may be incomplete, or the last film if it
-    is tracked or drawn: these need all frames. Nothing is done if there is no file.
+    """Remove the end of a file of results, which may be unfinished: its last frame, or its last
+    film if that is tracked or drawn, which needs all frames. Nothing is done if there is no file.
 
-    style: `jsonl` or `csv`. tracked: whether the images of a folder are a film. Raises InputError
-    naming the file if it cannot be read.
+    style: `jsonl` or `csv`. tracked: whether shafts are tracked, so that the images of a folder are
+    a film. Raises InputError naming the file if it cannot be read.
     """
     if not path.exists():
         return Earlier({})

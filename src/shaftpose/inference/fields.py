@@ -11,7 +11,8 @@ from shaftpose.core.geometry import Array, Camera, Disc
 from shaftpose.core.images import Image
 
 _LONG_PX = 240  # longer side of the image in which a field is looked for
-# Levels above the darkest ones that are no black border; compression blurs what is black.
+# The threshold between picture and black border: `_ABOVE_BLACK` above the darkest pixels, between
+# the two limits; compression blurs what is black.
 LEAST_LEVEL, _ABOVE_BLACK, _MOST_LEVEL = 18, 12, 40
 _LEAST_SHARE = 0.05  # of the frame
 _BORDER_PX = 2.5  # within this of the frame's border, an outline is the frame's, not the disc's
@@ -110,7 +111,8 @@ def _snapped(low: Array, high: Array, per_px: Array, size: Array) -> tuple[int, 
 def _disc(shown: NDArray[np.uint8]) -> Disc | None:
     """The disc of which a region (h, w) is the visible part; None if it has another shape.
 
-    It is fitted to the outline's points near the best of many circles through three of them.
+    RANSAC: of many circles through three points of the outline, the one nearest to most of them is
+    taken; the disc is fitted to the points near it by least squares.
     """
     height, width = shown.shape
     (outline, *_), _ = cv2.findContours(shown, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)

@@ -50,7 +50,7 @@ def _time_s(frame: FrameId) -> float | None:
 
 
 def as_row(shaft: FoundShaft) -> dict[str, Any]:
-    """A shaft as plain values: pixels to a tenth, mm and deg to a hundredth."""
+    """A shaft as plain, rounded values."""
     return {
         "score": round(shaft.score, 4),
         "box": np.round(shaft.box, 1).tolist(),

@@ -30,7 +30,7 @@ Spread = Callable[
 def predicted_images(
     sources: Iterable[Source], options: FinderOptions, spread: Spread, warn: Warn
 ) -> Iterator[PredictedImage]:
-    """Predict image files; yields them in order.
+    """Find the shafts in image files; yields the results in order.
 
     options: with absolute paths. warn: gets each distinct warning once. Raises InputError if other
     processes run other software than this one.
@@ -69,6 +69,6 @@ def _chunks(sources: Iterable[Source], options: FinderOptions) -> Iterator[Chunk
 def _lost(source: Source) -> PredictedImage:
     return PredictedImage(
         source.name,
-        error=f"{source.name}: every process that predicted it died; leave it out, or predict it "
-        "alone without --workers to see how it ends",
+        error=f"{source.name}: every process that looked for its shafts died; leave it out, or "
+        "predict it alone without --workers to see how it ends",
     )

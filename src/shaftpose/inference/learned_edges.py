@@ -11,8 +11,8 @@ from shaftpose.refinement.edges import Offsets
 
 STRIPS, OUTPUTS = "strips", ["offsets", "log_scales"]
 _LEAST_ERROR = 0.05  # columns: lower bound of the errors that the reader states
-# Measured (docs/beyond.md): the reader underestimates the offsets of uncertain edges.
-_CAUTION = 1.25
+# Measured (docs/beyond.md): the reader understates offsets where it is unsure; all are enlarged.
+_OFFSET_GAIN = 1.25
 
 
 class LearnedEdges:
@@ -46,4 +46,4 @@ class LearnedEdges:
         strips = outline_strips(rgb, contour, step_px)
         offsets, errors = (strips.of_samples(values) for values in self.read(strips.colours))
         variance = 2 * step_px**2 * (np.exp(2 * errors) + _LEAST_ERROR**2)  # of Laplace errors
-        return Offsets(_CAUTION * step_px * offsets, strips.inside / variance)
+        return Offsets(_OFFSET_GAIN * step_px * offsets, strips.inside / variance)

@@ -104,9 +104,9 @@ def outputs(
     recording: AbstractContextManager[Write] | None,
     resumed: bool,
 ) -> Iterator[Write]:
-    """Open all outputs. The result writes a frame's shafts to a file in `folder`, or to standard
-    output if that is None, draws them if there are `drawings`, and adds them to the recording, if
-    any. resumed: whether earlier results are continued.
+    """Open all outputs. The yielded function writes a frame's shafts to a file in `folder`, or to
+    standard output if that is None, draws them if there are `drawings`, and adds them to the
+    recording, if any. resumed: whether earlier results are continued.
 
     Raises UnwritableError naming a file that cannot be written; for a recording, only at the end.
     """

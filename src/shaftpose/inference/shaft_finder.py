@@ -91,7 +91,7 @@ class ShaftFinder:
 
     def camera_matrix(self, rgb: Image, aspect: float = 1.0) -> Array:
         """The intrinsic matrix (3, 3) of a frame (H, W, 3), without its lens distortion; from the
-        model's camera if the frame's is unknown."""
+        assumed camera if the frame's is unknown."""
         height, width = rgb.shape[:2]
         view = self._views(width, height, aspect)
         model = view.camera

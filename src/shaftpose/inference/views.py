@@ -259,7 +259,7 @@ def _shrunk(length: int, by: int) -> int:
 
 def unknown_camera(model: Camera, frame_px: int | None, warn: Warn) -> SquareViews:
     """Views of an unknown camera's frames: whole ones, the shorter side scaled to `frame_px`; None:
-    their central squares. Of frames that are no squares, the first is warned of."""
+    their central squares, with a warning of the first frame that is not square."""
     warn_once = cache(partial(warn, _SQUARES_ALONE))
 
     @lru_cache(maxsize=_CACHED)

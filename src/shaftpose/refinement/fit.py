@@ -16,7 +16,7 @@ from shaftpose.refinement.edges import Offsets
 from shaftpose.refinement.pose_parameters import derivatives, moved, parameters
 
 _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])  # of the parameters
-_LEAST_PX = 10.0  # of clear outline
+_LEAST_INFORMATION = 10.0  # 1 / px^2, summed over all edges
 
 Search = Callable[[Contour, float], Offsets]
 
@@ -129,7 +129,7 @@ def _edges(
     offsets = search(contour, stage.reach_px)
     near = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1) < stage.length_px
     information = offsets.weights * contour.lengths * near
-    if information.sum() < _LEAST_PX:
+    if information.sum() < _LEAST_INFORMATION:
         return None
     motion = contour.motion @ derivatives(pose, camera)
     both = np.column_stack([offsets.px, motion])

@@ -21,15 +21,15 @@ _PLACE = 0.7  # of a run, from its tip: where its width tells the depth; near a 
 
 
 class Start(NamedTuple):
-    """An initial pose (5,) of a fit, and the pose (5,) that was known before."""
+    """An initial pose (5,) of a fit. known: the pose (5,) to which the fit's prior belongs."""
 
     pose: Array
     known: Array
 
 
 def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> list[Start]:
-    """Starts at a known pose (5,) with several pitches, of which a network knows least; None: with
-    its own."""
+    """Starts at a known pose (5,) with several pitches, as a network is least sure of the pitch;
+    None: with its own."""
     if pitches_deg is None:
         return [Start(pose, pose)]
     return [Start(with_pitch(pose, pitch), pose) for pitch in pitches_deg]
@@ -47,14 +47,14 @@ def starts_on(
 def lying_on(
     poses: Array, runs: Sequence[Run], camera: Camera, widths: float = _OFF
 ) -> NDArray[np.bool_]:
-    """Whether the axes of poses (K, 5) are those of runs, (R, K): with the tip on the same side,
-    and at most some widths of the run beside both of its ends."""
+    """Whether poses (K, 5) lie on runs, (R, K): in the same direction, and both ends of the run at
+    most `widths` of its widths beside the pose's axis."""
     aside, along = _places(poses, runs, camera)
     return (aside <= widths) & (along > 0)
 
 
 def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bool_]:
-    """Which of poses (K, 5), best first, show a shaft of which no better one is shown: (K,).
+    """Which poses (K, 5), best first, are the first on every run on which they lie: (K,).
 
     Two poses on one run show the same shaft, at two places for its tip.
     """
@@ -63,8 +63,8 @@ def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bo
 
 
 def _places(poses: Array, runs: Sequence[Run], camera: Camera) -> tuple[Array, Array]:
-    """How many widths of each run its ends are beside the axis of each pose, the larger of both
-    (R, K), up to `_OFF` within `_OFF_PX`; and the cosines (R, K) between run and axis."""
+    """The larger distance (R, K) of each run's ends from each axis, in the run's widths (of at
+    least `_OFF_PX / _OFF` px), and the cosines (R, K) between run and axis."""
     tips, behind = np.moveaxis(projected_axes(poses, camera), 1, 0)
     axes = behind - tips
     axes = axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)

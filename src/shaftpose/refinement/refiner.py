@@ -27,16 +27,17 @@ from shaftpose.refinement.straight_runs import Run, straight_runs
 from shaftpose.refinement.support import distinct, supported
 
 _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
-# In pixels of each image. More are slower, and better only on clean images.
+# In pixels of each image. More stages are slower, and help only on clean images.
 _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
-_STARTS, _RESIDUAL_PX = 4, 4.0  # pitches from which the fit to the mask starts, and their rating
+# The fit to the mask has `_STARTS` initial pitches; `_RESIDUAL_PX` caps a residual in their rating.
+_STARTS, _RESIDUAL_PX = 4, 4.0
 # Pitches may be so far below the training's range: shafts of real frames often widen more towards
 # their near end (docs/beyond.md).
 _BEYOND_DEG = 45.0
 _NEAR_RUN = 0.5  # widths: a pose so near to a run may lie on it
-_READER_UNDERSTATED = 14.0  # see `EdgeErrors`, with one pixel for each of the model's
+_READER_UNDERSTATED = 14.0  # see `EdgeErrors`; at the model's resolution
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
@@ -268,7 +269,8 @@ class Refiner:
 def tip_state(
     pose: Array, camera: Camera, arc_information: float = np.inf, least: float = 0.0
 ) -> TipState:
-    """Whether the tip of a pose (5,) lies in the image, and there is an edge of an arc's shape.
+    """`outside` if the tip of a pose (5,) lies outside the image or at its border, else `seen` if
+    its arc has enough information, else `hidden`.
 
     arc_information: see `Fit`; least: of a seen tip.
     """

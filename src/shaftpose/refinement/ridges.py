@@ -76,7 +76,7 @@ def _ridge(shown: NDArray[np.bool_], field: NDArray[np.bool_]) -> tuple[Array, A
 
 
 def _through_pairs(points: Array, halves: Array, rng: np.random.Generator) -> Lines:
-    """Lines through random pairs of points."""
+    """Hypotheses: lines through random pairs of points (RANSAC)."""
     first, second = rng.integers(max(len(points), 1), size=(2, _PAIRS if len(points) else 0))
     offsets = points[second] - points[first]
     apart = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), 1.0)
@@ -86,7 +86,7 @@ def _through_pairs(points: Array, halves: Array, rng: np.random.Generator) -> Li
 
 
 def _support(lines: Lines, points: Array, halves: Array) -> NDArray[np.intp]:
-    """The number (L,) of the points that lie on each line and are as wide, of a sample."""
+    """The number (L,) of each line's inliers in a sample of the points: on it, and as wide."""
     step = max(-(-len(points) // _POINTS), 1)
     points, halves = points[::step], halves[::step]
     along, aside = (

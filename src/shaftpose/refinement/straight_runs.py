@@ -16,9 +16,9 @@ from shaftpose.refinement.slices import slice_contrasts, visible
 
 _MOST = 8  # runs of a mask
 _SLICES = np.linspace(0, 1, 120)  # of a line, from border to border
-# A run gains by slices of a higher contrast and loses by others. So it bridges a gap that is not
-# much longer than what follows.
-_GAP = 0.2
+# A run gains by slices of a higher contrast and loses by others. So it can bridge a gap up to about
+# four times as long as what follows; `_LONGEST_GAP` limits this afterwards.
+_BREAK_EVEN = 0.2
 _LEAST_HALF_PX = 1.0
 _LEAST_GAIN = 10.0
 _CLEAR, _LEAST_KNOWN = 0.5, 0.3  # least share of the run's contrast, and weight, of a clear slice
@@ -63,8 +63,8 @@ class Run(NamedTuple):
 def straight_runs(mask: NDArray[np.float32], camera: Camera) -> list[Run]:
     """The straight runs of a mask (H, W) in [0, 1] that a camera sees.
 
-    They are found one after another. Where one was found, the mask tells nothing more: the next may
-    continue there or not.
+    They are found one after another. The pixels of a run that was found become unknown, so that the
+    next may cross it.
     """
     rng, field, runs = np.random.default_rng(0), visible(mask, camera), list[Run]()
     known = field.copy()
@@ -88,7 +88,7 @@ def _best_run(
     contrasts, weights = slice_contrasts(mask, known, lines, along)
     weights = weights * (halves > _LEAST_HALF_PX)
     slice_px = (high - low) / len(_SLICES)
-    gains = weights * (contrasts - _GAP) * np.sqrt(np.maximum(halves, 0.0)) * slice_px
+    gains = weights * (contrasts - _BREAK_EVEN) * np.sqrt(np.maximum(halves, 0.0)) * slice_px
     line, first, last = _best_part(gains)
     part = np.arange(first, last + 1)
     if gains[line, part].sum() < _LEAST_GAIN:
@@ -107,7 +107,7 @@ def _best_run(
 def _pieces(
     slices: NDArray[np.intp], clear: NDArray[np.bool_], gap: float
 ) -> list[NDArray[np.intp]]:
-    """The clear ones of slices (N,), apart where between them are more others than `gap`."""
+    """The clear ones of slices (N,), split where more than `gap` others lie between them."""
     others = np.diff(np.cumsum(~clear)[clear])
     return np.split(slices[clear], np.flatnonzero(others > gap) + 1)
 

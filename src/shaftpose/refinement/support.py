@@ -21,8 +21,8 @@ _ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
 def supported(
     score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
 ) -> float:
-    """The geometric mean of a detection's score, twice the mask's contrast along its whole outline,
-    and the contrast next to its tip.
+    """The weighted geometric mean of a detection's score (weight 1) and the mask's contrast along
+    its whole outline (weight 2) and next to its tip (weight 1).
 
     The unchanged score if no outline is in the image; 0 for a pose that is not finite or lies
     behind the camera.

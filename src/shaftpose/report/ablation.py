@@ -21,17 +21,17 @@ from shaftpose.stage_files import REAL, STAND_IN, TrainingRecord
 class VariantRow:
     """One variant, trained once or several times with different seeds.
 
-    metrics: see `metrics.metrics.measured`, means over `seeds`; spread: half the range of each,
-    empty for a single training. width, depth: of the paper's backbone, None for other networks;
-    detector_steps: of the detector that training started from, 0 for random weights; parameters:
-    number of weights; mixed_in_images: training images without poses, besides `training_images`;
-    title: only for variants that the paper lacks. refined: whether the poses are fitted ones;
+    metrics: means over `seeds`, see `metrics.metrics.measured`. spread: half the range of each,
+    empty for one seed. width, depth: of the paper's backbone, None for other networks.
+    detector_steps: of the profile's detector, 0 without a start checkpoint. parameters: number of
+    weights. mixed_in_images: images without poses, besides `training_images`. title: shown if the
+    paper has none. settings: of the variant and its loss, by name. depths: errors by bins of the
+    true depth. training_id: as in MLflow. data: digests of the rendered images with their split,
+    and of mixed-in images. origin: of the evaluation. refined: whether poses are fitted.
     silhouettes: fields of a `SilhouetteScore` by set of images, such as `rendered/clear`.
 
-    Of one training alone, and lacking in results of older versions: settings, of the variant and
-    its loss, by name; summary; depths, the bins of the true depth; training_id, as in MLflow;
-    origin, of the evaluation. data: digests of the rendered images with their split, and of images
-    that were mixed in.
+    summary, depths, training_id and origin are empty for several seeds. They, settings and data may
+    be empty in older results.
     """
 
     variant: str

@@ -127,8 +127,8 @@ class ShaftSettings:
         least_mm = 4 * self.diameter_mm if self.tip == "forceps" else self.bevel_mm
         if self.cad is None and not self.length_mm > least_mm:
             raise ValueError(
-                f"length_mm = {self.length_mm:g} must be more than {least_mm:g}, the length of the "
-                f"tip {self.tip!r}"
+                f"length_mm = {self.length_mm:g} must be more than {least_mm:g} for the tip "
+                f"{self.tip!r}"
             )
 
 

@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 
 def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
-    """Make a function of the settings the main function of its script in pipelines/.
+    """Turn a function of the settings into the main function of its script in pipelines/.
 
     An error that the user can fix ends the script with one line and status 1, without a traceback.
     In a sweep only the job fails: Hydra runs the others and exits with status 1.

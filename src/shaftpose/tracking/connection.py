@@ -58,7 +58,7 @@ def select_store(uri: str | None, root: Path) -> str:
 
 
 def _check_answer(uri: str) -> None:
-    """MLflow itself would ask a dead server for minutes."""
+    """Fail fast if the server does not answer: MLflow would retry for minutes."""
     try:
         urlopen(uri, timeout=_ANSWER_S).close()
     except HTTPError:  # it answers
@@ -71,7 +71,7 @@ def _check_answer(uri: str) -> None:
 
 
 def _check_folder(root: Path) -> None:
-    """MLflow keeps absolute paths: it would create the old one again."""
+    """Refuse a moved folder: MLflow would write to its old path."""
     for experiment in mlflow.search_experiments():
         place = Path(url2pathname(urlparse(experiment.artifact_location).path))
         if place.name == "mlruns" and place.resolve() != root / "mlruns":

@@ -11,7 +11,7 @@ from mlflow.entities import Run
 
 from shaftpose.tracking.connection import workspace
 
-# Set by DVC for the commands of its stages, and by `dvc exp run` only.
+# DVC sets the first for every stage, the second in `dvc exp run` alone.
 STAGE, EXPERIMENT = "DVC_STAGE", "DVC_EXP_NAME"
 _TAG = "shaftpose.repro"
 

@@ -27,9 +27,9 @@ def register_candidate(
     """Make the last exported model of a training the `candidate` and, if it may be, the `champion`.
 
     tags: the model's, `profile` and `dataset` among them; is_better: whether it is better than
-    another model, given by its tags. Smoke runs and DVC experiments yield no champion, nor does a
-    model that is no better than the present one on the same data. If the run holds no model,
-    because it was logged to another database, only warns.
+    another model, given by its tags. These never become champion: a smoke run, a DVC experiment, a
+    model measured on other data than the present champion, or one that is no better. If the run
+    holds no model, because it was logged to another database, only warns.
     """
     client = mlflow.MlflowClient()
     model = _last_model(client, run_of(training_id, name))

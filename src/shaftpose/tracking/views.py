@@ -14,7 +14,7 @@ _NAME = "shaftpose"
 # MLflow's ids of the columns that are always there.
 _RUN, _CREATED = "attributes.`Run Name`", "runDateAndNestInfo"
 _LOCAL = "http://127.0.0.1:5000"  # `make ui`
-# Without these, the page of an experiment is that of a language model's.
+# Without these, MLflow opens its page for language models.
 KIND, _KIND = {"mlflow.experimentKind": "custom_model_development"}, "MACHINE_LEARNING"
 WEIGHTS = tuple(
     f"params.`loss.{name}`"

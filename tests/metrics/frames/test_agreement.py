@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shaftpose.metrics.frames.agreement import axis_agreement, first_free, mask_iou
+from shaftpose.metrics.frames.agreement import axis_agreement, greedy_matches, mask_iou
 
 # 299 px on the shorter side, so axes may be 10 px apart. The true axis runs from the tip at
 # (100, 100) to the right.
@@ -56,5 +56,5 @@ def test_each_detection_takes_the_best_free_shaft() -> None:
     # The first prefers shaft 1, so the second has to take shaft 0, and nothing is left for the
     # third. The fourth agrees with none.
     values = np.array([[0.6, 0.7], [0.5, 0.9], [0.8, 0.0], [0.0, 0.0]])
-    assert first_free(values).tolist() == [1, 0, -1, -1]
-    assert first_free(np.empty((2, 0))).tolist() == [-1, -1]
+    assert greedy_matches(values).tolist() == [1, 0, -1, -1]
+    assert greedy_matches(np.empty((2, 0))).tolist() == [-1, -1]

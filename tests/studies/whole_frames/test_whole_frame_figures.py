@@ -1,4 +1,4 @@
-"""Figures from shafts that are made by hand, their bars, and their record."""
+"""Figures from shafts that are made by hand, their aims, and their record."""
 
 from dataclasses import replace
 from pathlib import Path

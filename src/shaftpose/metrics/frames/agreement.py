@@ -39,7 +39,7 @@ def axis_agreement(found: Array, true: Array, shape: tuple[int, ...]) -> Array:
     return np.where(right, limit_px / (limit_px + distances), 0.0)
 
 
-def first_free(agreement: Array) -> Indices:
+def greedy_matches(agreement: Array) -> Indices:
     """(K,) the shaft that each detection hits, -1 for none; agreement: (K, G), 0 where it cannot.
 
     In turn, each detection takes the shaft with which it agrees most, of those not yet taken.

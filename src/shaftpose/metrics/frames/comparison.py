@@ -1,9 +1,9 @@
 """Found shafts of one frame compared with the annotated ones: which detection hits which shaft.
 
 All pixels are the frame's. A detection hits a shaft by its box or its mask if their intersection
-over union reaches 0.5, and by its axis if that runs within 5 deg and 10 px of 299 along the
-annotated one. Best score first, each detection takes the free shaft that it fits best (as COCO's
-evaluation does).
+over union reaches 0.5, and by its axis if that differs from the annotated one by at most 5 deg and
+10/299 of the frame's shorter side. Best score first, each detection takes the free shaft that it
+fits best (as COCO's evaluation does).
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shaftpose.metrics.detection.matching import IOU_THRESHOLD, Array, Indices, box_iou
-from shaftpose.metrics.frames.agreement import axis_agreement, first_free, mask_iou
+from shaftpose.metrics.frames.agreement import axis_agreement, greedy_matches, mask_iou
 from shaftpose.metrics.image_metrics import Mask, silhouette_iou
 
 CRITERIA = ("box", "mask", "axis", "segment")
@@ -101,7 +101,7 @@ def compare_frame(true: TrueShafts, found: FoundShafts, threshold: float) -> Com
         "axis": np.where(known, axis_agreement(found.axes, true.axes, true.ignored.shape), masks),
         "segment": np.where(parts > IOU_THRESHOLD, parts, 0.0),
     }
-    hits = {criterion: first_free(values) for criterion, values in agreement.items()}
+    hits = {criterion: greedy_matches(values) for criterion, values in agreement.items()}
     every = np.ones(len(true.masks), dtype=bool)
     return ComparedFrame(
         scores=found.scores,

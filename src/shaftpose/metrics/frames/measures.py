@@ -102,8 +102,8 @@ def _statistics(frames: Sequence[ComparedFrame], group: str | None) -> dict[str,
         "axis_recall": _recall(axis),
         "axis_precision": _precision(axis),
         "axis_recall_at_precision": _recall_at_precision(axis),
-        "pq": _quality(segment, uncertain=0.5),
-        "shaft_iou": _quality(segment, uncertain=1.0),
+        "pq": _quality(segment, error_weight=0.5),
+        "shaft_iou": _quality(segment, error_weight=1.0),
         "image_iou": _mean(
             [f.image_iou if counted_shafts(f, "segment", group).any() else None for f in frames]
         ),
@@ -150,14 +150,14 @@ def _recall_at_precision(ranked: Ranked) -> Statistic:
     return statistic
 
 
-def _quality(ranked: Ranked, uncertain: float) -> Statistic:
-    """Mean overlap of true segments, shafts missed and false segments as 0: the panoptic quality if
-    each counts as half a segment (`uncertain`)."""
+def _quality(ranked: Ranked, error_weight: float) -> Statistic:
+    """Sum of the true segments' overlaps over true + error_weight x (false + missed): the panoptic
+    quality for 0.5."""
 
     def statistic(weights: Array) -> float | None:
         true, false, shafts = ranked.totals(weights)
         drawn = weights[ranked.frames] * ranked.sure
-        segments = true + uncertain * (false + shafts - true)
+        segments = true + error_weight * (false + shafts - true)
         return float(drawn @ ranked.overlaps) / segments if segments else None
 
     return statistic
