@@ -132,7 +132,8 @@ def _seconds(run: Run, image: Image) -> float:
 def row(model: str, refine: Refinement, seconds: list[float], alone: list[float]) -> dict[str, Any]:
     """The figures of a model with a refinement; alone: seconds of the network.
 
-    pre_post_share: of the time, what is spent outside of the network, the fit included.
+    pre_post_share: of the time, what is spent outside of one run of the network. A fit is included,
+    and with it the run on the mirror image.
     """
     with TemporaryDirectory() as folder:
         first = Path(folder) / "frame.png"

@@ -89,19 +89,18 @@ def write_constant_model(path: Path, values: dict[str, np.ndarray]) -> Path:
 
 def write_mask_reader(path: Path, values: dict[str, np.ndarray]) -> Path:
     """Write a model with these outputs for every image, and the image's brightness as its mask."""
-    mask = {"mask": np.zeros((SIDE, SIDE))}
-    model = _constant("image", TensorProto.UINT8, (SIDE, SIDE, 3), values | mask)
-    nodes = [node for node in model.graph.node if "mask" not in node.output]
-    full = numpy_helper.from_array(np.array(255, np.float32), "full")
-    axis = numpy_helper.from_array(np.array([3]), "axis")
-    nodes += [
-        helper.make_node("Cast", ["image"], ["levels"], to=TensorProto.FLOAT),
-        helper.make_node("ReduceMax", ["levels", "axis"], ["brightest"], keepdims=0),
-        helper.make_node("Div", ["brightest", "full"], ["mask"]),
-    ]
-    del model.graph.node[:]
-    model.graph.node.extend(nodes)
-    model.graph.initializer.extend([full, axis])
+    model = _constant("image", TensorProto.UINT8, (SIDE, SIDE, 3), values)
+    model.graph.initializer.append(numpy_helper.from_array(np.array(255, np.float32), "full"))
+    model.graph.initializer.append(numpy_helper.from_array(np.array([3]), "axis"))
+    model.graph.node.extend(
+        [
+            helper.make_node("Cast", ["image"], ["levels"], to=TensorProto.FLOAT),
+            helper.make_node("ReduceMax", ["levels", "axis"], ["brightest"], keepdims=0),
+            helper.make_node("Div", ["brightest", "full"], ["mask"]),
+        ]
+    )
+    mask = helper.make_tensor_value_info("mask", TensorProto.FLOAT, ["N", SIDE, SIDE])
+    model.graph.output.append(mask)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
     return path

@@ -12,7 +12,7 @@ from shaftpose.stage_files import read_stage_file
 
 RECORDS = Path("reports/whole_frames")
 COMMAND = "python -m studies.whole_frames"
-_HEADINGS = ("Frames", "Figure", "Value", "Bar", "", "Measured on", "Seed")
+_HEADINGS = ("Frames", "Figure", "Value", "Aim", "", "Measured on", "Seed")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Figure:
     parts: Mapping[str, float | None] = field(default_factory=dict)
 
     @property
-    def bar(self) -> str:
+    def aim(self) -> str:
         """The aim in words; empty without one."""
         if self.least is not None:
             return f">= {self.least:g}"
@@ -107,7 +107,7 @@ def table(rows: Mapping[str, RecordedRow]) -> str:
     return pipe_table(
         _HEADINGS,
         [
-            [row.title, one.name, _text(one.value), one.bar, one.verdict, one.on, str(row.seed)]
+            [row.title, one.name, _text(one.value), one.aim, one.verdict, one.on, str(row.seed)]
             for row in rows.values()
             for one in row.figures
         ],

@@ -239,6 +239,14 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
         views(320, 240, 1.0)
 
 
+def test_a_part_of_oblong_pixels_is_cut_and_then_stretched() -> None:
+    views = parts_of(square_pixels(unknown_camera(MODEL, MODEL.width, fail)), (60, 20, 300, 288))
+    view = views(720, 576, 64 / 45)
+    assert (view.camera.width, view.camera.height) == (443, 299)  # of 427 x 288 square px
+    ends = view.image_px(np.array([[0.0, 0.0], [443.0, 299.0]]))
+    np.testing.assert_allclose(ends, [[60, 20], [360, 308]])
+
+
 def test_a_part_that_does_not_fit_the_camera_is_named() -> None:
     seen = known_camera(stated_view(95.0), MODEL, MODEL.width, fail)
     views = parts_of(square_pixels(seen), (0, 0, 400, 60))

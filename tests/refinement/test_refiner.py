@@ -245,7 +245,7 @@ def test_a_wide_shaft_is_found_on_its_run_where_the_network_is_far_off() -> None
     assert found.poses[0] == pytest.approx(pose, abs=1.5)
 
 
-def test_pitches_stay_near_the_range_of_the_training() -> None:
+def test_pitches_have_bounds_by_the_range_of_the_training() -> None:
     end_on = np.array([0.0, 0.0, 30.0, 12.0, 0.0])
     for turned, low, kept, within in ((POSES[2], 50, 90, 3), (end_on, 60, 15, 0.1)):
         mask = soft_mask(turned)

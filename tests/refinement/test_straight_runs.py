@@ -94,7 +94,7 @@ def test_a_shaft_of_which_less_than_its_width_is_seen_is_found_at_the_border() -
 def test_small_round_and_thin_regions_are_no_runs() -> None:
     mask = np.zeros((299, 531), np.float32)
     mask[20:35, 20:35] = 1  # too small
-    mask[100:140, 100:140] = 1  # no longer than wide, inside the picture
+    mask[100:140, 100:140] = 1  # a square has no ridge
     mask[200:202, 20:280] = 1
     assert straight_runs(mask, WIDE) == []
     assert straight_runs(0 * mask, WIDE) == []

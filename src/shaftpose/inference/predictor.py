@@ -102,7 +102,7 @@ class Predictor:
         output is NaN or infinite.
         """
         asked = _OUTPUTS if self.refiner is None else [*_OUTPUTS, _MASK]
-        boxes, scores, poses, *of_images = self._run(asked, images)
+        boxes, scores, poses, *rest = self._run(asked, images)
         found = list(self._unpadded(boxes, scores, poses))
         if camera is not None:
             found = [_seen_by(camera, self.camera, each) for each in found]
@@ -111,19 +111,23 @@ class Predictor:
         if camera is None:
             height, width = images.shape[1:3]
             camera = Camera(width, height, self.camera.focal_px, width / 2, height / 2)
-        masks = (self._finite(*of_images) + self._mirrored_masks(images)) / 2
+        (once,) = rest
+        masks = self._averaged(self._finite(once), images)
         inputs = zip(images, masks, found, fine or [None] * len(images), strict=True)
         return [self.refiner(rgb, mask, each, camera, finer) for rgb, mask, each, finer in inputs]
 
-    def _mirrored_masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The masks (N, H, W) of images (N, H, W, 3) from their mirror images: the errors of both
-        differ, so their mean is more exact (test-time augmentation)."""
-        return self.masks(np.ascontiguousarray(images[:, :, ::-1]))[:, :, ::-1]
+    def _averaged(
+        self, masks: NDArray[np.float32], images: NDArray[np.uint8]
+    ) -> NDArray[np.float32]:
+        """The means of masks (N, H, W) of images (N, H, W, 3) and of those of their mirror images:
+        test-time augmentation, measured in docs/beyond.md."""
+        mirrored = self.masks(np.ascontiguousarray(images[:, :, ::-1]))
+        return (masks + mirrored[:, :, ::-1]) / 2
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The masks (N, S, S), probabilities of a shaft, of images (N, S, S, 3) uint8 RGB, from a
-        model that predicts them. Raises InputError naming the file and the image if one is not
-        finite."""
+        """The masks (N, H, W), probabilities of a shaft, of images (N, H, W, 3) uint8 RGB, from a
+        model that predicts them, by one run of the network. Raises InputError naming the file and
+        the image if one is not finite."""
         return self._finite(*self._run([_MASK], images))
 
     def _run(self, outputs: Sequence[str], images: NDArray[np.uint8]) -> list[NDArray[np.float32]]:

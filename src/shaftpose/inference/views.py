@@ -139,10 +139,10 @@ class Resampled:
 
 
 class Prepared:
-    """A view of frames that are cut or stretched before.
+    """A view of frames that are first cut or stretched.
 
-    prepare: of a frame. corner, scale: (2,), `x, y`; pixel p of a prepared frame is pixel
-    scale p + corner of the frame.
+    view: of the prepared frames. prepare: prepares a frame. corner, scale: (2,), `x, y`; pixel p of
+    a prepared frame is pixel scale p + corner of the frame.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class Prepared:
 
 
 def part_of(view: View, part: Crop) -> View:
-    """The view of a part of a frame."""
+    """The view of frames of which a part is cut out, from the view of such parts."""
     x, y, width, height = part
 
     def cut(rgb: Image) -> Image:

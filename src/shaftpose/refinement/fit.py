@@ -16,7 +16,7 @@ from shaftpose.refinement.edges import Offsets
 from shaftpose.refinement.pose_parameters import derivatives, moved, parameters
 
 _LARGEST_STEP = np.array([12.0, 12.0, 0.2, 10.0, 10.0])  # of the parameters
-_LEAST_INFORMATION = 10.0  # 1 / px^2, summed over all edges
+_LEAST_INFORMATION = 10.0  # of a stage's edges; 10 px of a mask's clear outline
 
 Search = Callable[[Contour, float], Offsets]
 

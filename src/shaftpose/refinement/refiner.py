@@ -33,8 +33,8 @@ _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
 # The fit to the mask has `_STARTS` initial pitches; `_RESIDUAL_PX` caps a residual in their rating.
 _STARTS, _RESIDUAL_PX = 4, 4.0
-# Pitches may be so far below the training's range: shafts of real frames often widen more towards
-# their near end (docs/beyond.md).
+# Pitches may be so far below the training's range: in real frames, whose cameras may see a wider
+# angle than assumed, shafts often widen more towards their near end (docs/beyond.md).
 _BEYOND_DEG = 45.0
 _NEAR_RUN = 0.5  # widths: a pose so near to a run may lie on it
 _READER_UNDERSTATED = 14.0  # see `EdgeErrors`; at the model's resolution
@@ -79,8 +79,8 @@ class Refiner:
     """Fits poses of one kind of shaft to the mask and, if `edges` is given, to the edges of the
     image.
 
-    pitches_deg: the range of the training images' poses, in or a little below which pitches are
-    kept; None if it is unknown.
+    pitches_deg: the range of the training images' poses, None if it is unknown. Fitted pitches are
+    at most its upper bound, and at least `_BEYOND_DEG` below its lower one.
     """
 
     def __init__(

@@ -107,7 +107,7 @@ def test_bars() -> None:
     assert share("", [True, False], least=0.5).verdict == "met"
     assert share("", [True, False], most=0.4).verdict == "missed"
     assert share("", [], most=0.4).verdict == "not measured"
-    assert (share("", [True]).verdict, share("", [True]).bar) == ("", "")
+    assert (share("", [True]).verdict, share("", [True]).aim) == ("", "")
 
 
 def record(model: str, **figures: Figure) -> Record:
