@@ -137,9 +137,9 @@ def test_a_truncated_shard(stage: Run, folder: Path) -> None:
     path.write_bytes(path.read_bytes()[:-15_000])
     result = stage("validate.py")
     line = last_line(result)
-    # One more shard of the smoke profile's 30 images is missing, and two of each test set.
+    # Two more shards of the smoke profile's 60 images are missing, and two of each test set.
     shard = path.relative_to(folder)
-    expected = f"error: {shard}: 000000000 to 000000014: truncated or damaged (problem 1 of 6)"
+    expected = f"error: {shard}: 000000000 to 000000019: truncated or damaged (problem 1 of 7)"
     assert line.startswith(expected)
     assert "run `dvc repro -s -f render`" in line
     assert "data/render/occluded/shard-000001.tar: 000000001 to 000000001: missing" in result.stdout

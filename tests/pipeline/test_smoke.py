@@ -25,7 +25,7 @@ def test_report_has_a_row_for_the_variant_and_the_constant(finished: Path) -> No
     (row,) = report["rows"]
     assert (row["variant"], row["refined"]) == ("d_noise_real", False)
     assert row["silhouettes"]
-    assert (row["test_images"], row["steps"]) == (3, 6)
+    assert (row["test_images"], row["steps"]) == (6, 6)
     assert report["constant"]["x_mm"] > 0
     text = (finished / "reports/ablation.md").read_text()
     assert "stand-in" in text
@@ -44,8 +44,8 @@ def test_split_is_nine_to_one_and_shares_no_background(finished: Path) -> None:
         part: {shards.scene_description(key)["source"] for key in found}
         for part, found in keys.items()
     }
-    assert len(keys["test"]) == 3
-    assert len(keys["train"]) + len(keys["validation"]) == 27
+    assert len(keys["test"]) == 6
+    assert len(keys["train"]) + len(keys["validation"]) == 54
     assert not sources["test"] & (sources["train"] | sources["validation"])
     assert not sources["train"] & sources["validation"]
 
@@ -54,14 +54,14 @@ def test_the_data_card_describes_what_was_validated(finished: Path) -> None:
     card = finished / "reports/data_card"
     sets = json.loads((card / "metrics.json").read_text())
     assert {name: found["images"] for name, found in sets.items()} == {
-        "images": 30, "clear": 2, "occluded": 2,
+        "images": 60, "clear": 2, "occluded": 2,
     }  # fmt: skip
     assert sets["images"]["quantities"]["silhouette_iou"]["min"] > 0.95
     pictures = re.findall(r"\]\((.+)\)", (card / "data_card.md").read_text())
     assert pictures
     assert all((card / name).stat().st_size > 10_000 for name in pictures)
     sources = json.loads((finished / "data/validation/sources.json").read_text())
-    assert len(sources) == 30
+    assert len(sources) == 60
 
 
 def test_a_variant_is_tracked_with_model_and_metrics(finished: Path) -> None:

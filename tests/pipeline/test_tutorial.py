@@ -72,6 +72,6 @@ def test_the_commands_run_and_their_files_are_there(own: Path, run: Run) -> None
     rows = json.loads((own / "reports/ablation.json").read_text())["rows"]
     assert [(row["variant"], row["refined"]) for row in rows] == [("e", False), ("e", True)]
     assert all(row["silhouettes"] for row in rows)
-    assert {(row["test_images"], row["steps"]) for row in rows} == {(3, 6)}
+    assert {(row["test_images"], row["steps"]) for row in rows} == {(6, 6)}
     assert "| E + fit |" in (own / "reports/ablation.md").read_text()
     assert (own / "found/predictions.jsonl").read_text().count("\n") == 1
