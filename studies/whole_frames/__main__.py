@@ -9,7 +9,7 @@ the same frames.
 
 import argparse
 import shlex
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.machine import machine
@@ -28,7 +28,7 @@ SEED = 43_100  # of images that no choice was made on
 
 def main() -> None:
     """Measure the rows of the command line."""
-    options = _options()
+    options = options_of()
     with exit_on_input_error(), model_file(options.model) as model:
         if options.frames < 1:
             raise InputError(f"--frames {options.frames}: give a number above 0")
@@ -38,8 +38,7 @@ def main() -> None:
         render(needed, settings, options.frames, options.seed)
         rod = Shaft(settings.shaft.diameter_mm, settings.shaft.length_mm)
         measurement = Measurement(model, rod, options.frames)
-        command = f"{COMMAND} {shlex.join(sys.argv[1:])}".strip()
-        out = options.out or RECORDS / f"{model.stem}.json"
+        command, out = repeating(options), options.out or RECORDS / f"{model.stem}.json"
         for name, row in chosen.items():
             figures = row.measure(measurement)
             verdicts = [f"{one.name}: {one.verdict}" for one in figures if one.verdict]
@@ -51,7 +50,16 @@ def main() -> None:
     print(f"written to {out}")
 
 
-def _options() -> argparse.Namespace:
+def repeating(options: argparse.Namespace) -> str:
+    """The command that measures the same again, wherever this one writes its figures."""
+    words = ["--model", options.model, "--frames", f"{options.frames}", "--seed", f"{options.seed}"]
+    words += ["--rows", *options.rows]
+    words += ["--settings", *options.settings] if options.settings else []
+    return f"{COMMAND} {shlex.join(words)}"
+
+
+def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options of these words, by default of the command line."""
     parser = argparse.ArgumentParser(COMMAND, description=__doc__.partition("\n")[0])
     parser.add_argument("--model", default=DEFAULT, help=f"as of `shaftpose predict` ({DEFAULT})")
     parser.add_argument("--frames", type=int, default=300, help="scales all counts (300)")
@@ -65,7 +73,7 @@ def _options() -> argparse.Namespace:
         help="that override params.yaml, as in preset=laparoscopy cluster.workers=1",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, help=f"file ({RECORDS}/MODEL.json)")
-    return parser.parse_args()
+    return parser.parse_args(words)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.model_files import bundled_model, checksum
 from shaftpose.refinement.contour import Shaft
 from studies.whole_frames import rows
+from studies.whole_frames.__main__ import options_of, repeating
 from studies.whole_frames.figures import share
 from studies.whole_frames.matching import Detection, TrueShaft
 from studies.whole_frames.measurement import Comparison, Frames, Measurement
@@ -127,6 +128,17 @@ def test_rows_of_the_same_model_are_kept(tmp_path: Path) -> None:
     }  # fmt: skip
     add_rows(path, record("b", y=other))
     assert read_record(path).rows.keys() == {"y"}
+
+
+def test_the_recorded_command_says_what_was_measured_and_not_where_it_was_written() -> None:
+    given = options_of(["--rows", "wide", "cost", "--frames", "40", "--out", "/elsewhere/a.json"])
+    command = repeating(given)
+    assert command == (
+        "python -m studies.whole_frames --model shaftpose --frames 40 --seed 43100 --rows wide cost"
+    )
+    again = options_of(command.split()[3:])
+    assert vars(again) == vars(given) | {"out": None}
+    assert repeating(options_of(["--settings", "seed=1"])).endswith(" --settings seed=1")
 
 
 def test_a_record_of_another_model_is_refused(tmp_path: Path) -> None:
