@@ -86,6 +86,18 @@ def test_metrics_of_a_training_are_all_of_its_last_validation(store: Path) -> No
     assert [run.metrics for run in sweep_runs(store)] == [{"validation/mAP": 0.0}]
 
 
+def test_a_training_that_keeps_its_best_weights_is_rated_by_them(store: Path) -> None:
+    start_sweep(store, "trials", {})
+    for keep_best in (True, False):
+        with training(f"id-{keep_best}", {"training": {"keep_best": keep_best}}, store):
+            for step, merit in enumerate((0.1, 0.7, 0.7, 0.4)):
+                metrics = {"validation/mAP": merit, "validation/tip_mm": float(step)}
+                mlflow.log_metrics(metrics, step=step)
+    best, last = sweep_runs(store)
+    assert (best.steps, best.metrics) == (2, {"validation/mAP": 0.7, "validation/tip_mm": 1.0})
+    assert (last.steps, last.metrics) == (4, {"validation/mAP": 0.4, "validation/tip_mm": 3.0})
+
+
 def test_only_a_training_that_came_to_its_end_is_finished(store: Path) -> None:
     start_sweep(store, "trials", {})
     with pytest.raises(RuntimeError), training("id-1", {"a": 1}, store):

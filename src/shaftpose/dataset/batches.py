@@ -36,7 +36,7 @@ class Targets(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """images: (B, 299, 299, 3) uint8 RGB, and their targets."""
+    """images: (B, S, S, 3) uint8 RGB, and their targets."""
 
     images: Tensor
     targets: Targets

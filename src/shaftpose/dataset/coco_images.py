@@ -212,7 +212,8 @@ def _frame_instances(
     tips_px: NDArray[np.float64],
     size: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """The map (h, w) of a frame scaled to `size`: what is surer is drawn later."""
+    """The map (h, w) of a frame scaled to `size`: shafts over tools, and what nobody has annotated
+    over both."""
 
     def scaled(mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
         return resized(mask, size[1], size[0]).astype(bool)
@@ -239,7 +240,8 @@ def _inside(polygon: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.b
 def _in_front(mask: NDArray[np.bool_], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
     """The pixels (h, w) in front of a tip, no farther from it than 2.5 widths of its shaft.
 
-    The mask's centroid lies half a length behind the tip. None if the tip is NaN or the mask empty.
+    The mask's centroid lies half a length behind the tip. No pixel if the tip is NaN or the mask
+    empty.
     """
     rows, columns = np.nonzero(mask)
     if not len(rows) or np.isnan(tip).any():

@@ -34,8 +34,8 @@ def random_view(
     """A random view (side, side, 3) of an image (H, W, 3) with its map of instruments.
 
     Pixels that the image does not cover, or outside a round field, are black and `OUTSIDE`. Shafts
-    may leave the view: their boxes are empty then. Images of distorting lenses stay as they are,
-    if they have poses.
+    may leave the view: their boxes are empty then. Images of distorting lenses with poses are not
+    warped, because no pose fits the warped image.
     """
     assert known.instances is not None
     if known.poses is None or _changeable(known.camera, rng):

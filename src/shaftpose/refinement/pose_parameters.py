@@ -15,7 +15,7 @@ def parameters(pose: Array, camera: Camera) -> Array:
 
 
 def derivatives(pose: Array, camera: Camera) -> Array:
-    """Derivatives (5, 5) of a pose by its parameters."""
+    """Derivatives (5, 5) of a pose, mm and deg, by its parameters, px, 1 and deg."""
     spread = np.eye(5)
     spread[[0, 1], [0, 1]] = pose[2] / camera.focal_px
     spread[:3, 2] = pose[:3]
@@ -23,7 +23,7 @@ def derivatives(pose: Array, camera: Camera) -> Array:
 
 
 def moved(pose: Array, step: Array, camera: Camera) -> Array:
-    """The pose after a step (5,) of the parameters, with its pitch in [0, 180] deg."""
+    """The pose (5,) after a step (5,) of the parameters; pitches stay in [0, 180] deg."""
     u, v, log_depth, pitch, yaw = parameters(pose, camera) + step
     if not 0 <= pitch <= 180:  # the axis has passed the line of sight
         pitch, yaw = abs(signed_deg(float(pitch))), yaw + 180

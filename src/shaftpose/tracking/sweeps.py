@@ -49,8 +49,8 @@ def start_sweep(folder: Path, experiment: str, overrides: Mapping[str, str]) -> 
 class SweepRun(NamedTuple):
     """A training of a sweep.
 
-    run_id, name: MLflow's. overrides: of its command line. steps: up to the last validation.
-    metrics: of that validation, such as `validation/mAP`.
+    run_id, name: MLflow's. overrides: of its command line. steps: up to the validation of the
+    weights that are its result. metrics: of that validation, such as `validation/mAP`.
     """
 
     run_id: str
@@ -94,15 +94,20 @@ def _sweep_run(run: Run) -> SweepRun:
 
 
 def _validation(run: Run) -> tuple[int, dict[str, float]]:
-    """The steps of a run up to its last validation, and the metrics of that validation.
+    """The steps of a run up to the validation of its result, and the metrics of that validation:
+    with `keep_best` the first one of the best mAP, else the last one.
 
     A metric's own last value may be older: pose errors are missing if nothing was found.
     """
     client = mlflow.MlflowClient()
     names = [name for name in run.data.metrics if name.startswith("validation/")]
     logged = [point for n in names for point in client.get_metric_history(run.info.run_id, n)]
-    last = max((point.step for point in logged), default=-1)  # counted from 0
-    return last + 1, {point.key: point.value for point in logged if point.step == last}
+    merits = [(point.value, -point.step) for point in logged if point.key == "validation/mAP"]
+    if merits and run.data.params.get("training.keep_best") == "True":
+        step = -max(merits)[1]
+    else:
+        step = max((point.step for point in logged), default=-1)  # counted from 0
+    return step + 1, {point.key: point.value for point in logged if point.step == step}
 
 
 def add_summary(

@@ -30,10 +30,10 @@ MUON_RATIO = 5.0  # Muon's learning rate relative to Adam's
 class ShaftModule(LightningModule):
     """Trains a `PoseNetwork` with linear warm-up, then polynomial decay, by steps.
 
-    optimizer: Adam for all weights, or Muon for the convolutions with batch normalisation and
-    Adam for the others; learning_rate: Adam's; identity: stored in checkpoints, see `Identity`;
-    frozen_norm_share: share of the steps, at the end, in which batch normalisation uses its running
-    statistics, as in the finished network.
+    optimizer: Adam for all weights, or Muon for the convolutions with batch normalisation that
+    start from random weights and Adam for the others; learning_rate: Adam's; identity: stored in
+    checkpoints, see `Identity`; frozen_norm_share: share of the steps, at the end, in which batch
+    normalisation uses its running statistics, as in the finished network.
     """
 
     def __init__(

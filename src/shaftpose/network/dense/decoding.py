@@ -95,10 +95,10 @@ def _belonging(
     Returns whether a pixel belongs to a tip, (B, K, h, w) bool, and the distance of its vote, the
     place that its offset points to, from that tip in px.
 
-    A pixel belongs to one of the tips whose distance from its vote is within a limit, which grows
-    with the offset because long offsets are less exact. Of these it is the tip for which the sum of
-    two ratios is least: the vote's distance to the limit, and the pixel's distance from the axis to
-    another limit, which parts shafts that touch. Peaks of low score get no pixels.
+    A pixel chooses the tip for which the sum of two ratios is least: the distance of its vote from
+    the tip to a limit, which grows with the offset because long offsets are less exact; and its own
+    distance from the tip's axis to another limit, which parts shafts that touch. It belongs to that
+    tip if the vote is within its limit. Peaks of low score get no pixels.
     """
     size = mask.shape[-2:]
     votes = OFFSET_SCALE_PX * functional.interpolate(maps[:, 1:3], size=size, mode="bilinear")

@@ -1,7 +1,7 @@
 """EfficientNet-lite0's first blocks as an encoder, with weights learned on ImageNet.
 
 Tan and Le, EfficientNet (2019); the lite variant has ReLU6 and no squeeze-and-excitation. It may be
-truncated behind any block, so that an exported model stays small.
+used up to any block, so that an exported model stays small.
 """
 
 from pathlib import Path
