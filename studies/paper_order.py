@@ -10,7 +10,7 @@ from shaftpose.report.paper_numbers import TABLE_I
 # Variants before and after each step of the paper. The step to D + noise + real is left out: it is
 # meant for real images, and the paper's values on rendered ones hardly change.
 STEPS = (("b", "c"), ("b", "d"), ("c", "d"), ("d", "d_noise"))
-METRICS = tuple(one for one in metrics_of("detection", "pose") if one.in_paper)
+PAPER_METRICS = tuple(one for one in metrics_of("detection", "pose") if one.in_paper)
 ROTATIONS = ("pitch_deg", "yaw_deg")
 AS_IN_PAPER, REVERSED = "as in the paper", "reversed"
 UNDECIDED, SILENT = "within the spread", "the paper is silent"
@@ -36,7 +36,7 @@ def changes(rows: Sequence[VariantRow]) -> dict[tuple[str, str], dict[str, Chang
     for before, after in STEPS:
         if before in known and after in known:
             pair = (known[before], known[after])
-            step = {one.name: _change(*pair, one.name, rows) for one in METRICS}
+            step = {one.name: _change(*pair, one.name, rows) for one in PAPER_METRICS}
             found[before, after] = {name: change for name, change in step.items() if change}
     return {step: values for step, values in found.items() if values}
 

@@ -133,10 +133,10 @@ def _order(rows: Sequence[VariantRow], domain_label: str) -> str:
     titles = {row.variant: row.title_cell(domain_label) for row in rows if not row.refined}
     lines = [
         [f"{titles[before]} to {titles[after]}"]
-        + [_cell(metric, changes.get(metric.name)) for metric in paper_order.METRICS]
+        + [_cell(metric, changes.get(metric.name)) for metric in paper_order.PAPER_METRICS]
         for (before, after), changes in found.items()
     ]
-    return pipe_table(["Step", *headings(paper_order.METRICS)], lines)
+    return pipe_table(["Step", *headings(paper_order.PAPER_METRICS)], lines)
 
 
 def _cell(metric: Metric, change: paper_order.Change | None) -> str:

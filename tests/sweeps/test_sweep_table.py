@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from shaftpose.sweeps.jobs import SweepJob
-from shaftpose.sweeps.table import METRICS, read_table, sweep_figures, write_table
+from shaftpose.sweeps.table import DRAWN, read_table, sweep_figures, write_table
 from studies.write_results_page import swept_figures
 
 FOUND = {"validation/mAP": 0.5, "validation/tip_mm": 4.25, "validation/axis_deg": 9.0}
@@ -22,7 +22,7 @@ def test_a_table_has_swept_parameters_first_and_is_read_back(tmp_path: Path) -> 
     headings, *rows = csv.reader(path.read_text().splitlines())
     assert headings == [
         "variant.name", "loss.alpha", "loss.gamma", "seed", "training_images",
-        "size.batch_size", "size.width", "size.depth", "size.learning_rate", "steps", *METRICS,
+        "size.batch_size", "size.width", "size.depth", "size.learning_rate", "steps", *DRAWN,
     ]  # fmt: skip
     assert rows == [
         ["b", "1.5", "", "", "", "", "", "", "", "6", "0.5", "4.25", "9"],
@@ -36,9 +36,7 @@ def test_a_table_has_swept_parameters_first_and_is_read_back(tmp_path: Path) -> 
 def jobs_of(*settings: tuple[str, ...]) -> list[SweepJob]:
     """Jobs with these values of the settings a, b and c; all have the same d."""
     return [
-        SweepJob(
-            dict(zip("abc", values, strict=False)) | {"d": "7"}, dict.fromkeys(METRICS, 0.1 * n)
-        )
+        SweepJob(dict(zip("abc", values, strict=False)) | {"d": "7"}, dict.fromkeys(DRAWN, 0.1 * n))
         for n, values in enumerate(settings)
     ]
 
@@ -48,7 +46,7 @@ GRID = [("1", "x"), ("1", "y"), ("2", "x"), ("2", "y")]
 
 def test_a_full_grid_of_two_settings_has_a_heat_map_for_each_metric() -> None:
     maps, lines = sweep_figures(jobs_of(*GRID)).values()
-    assert [axes.get_title().partition("\n")[0] for axes in maps.axes] == list(METRICS)
+    assert [axes.get_title().partition("\n")[0] for axes in maps.axes] == list(DRAWN)
     assert [axes.get_title() for axes in lines.axes] == [""]
 
 

@@ -1,6 +1,7 @@
-"""The table of all metrics: how they are measured, named and shown.
+"""The table of all metrics: how they are named and shown, and how some are measured.
 
-A new metric is one function and one row. Training, evaluation, report and figures read this table.
+Training, evaluation, report and figures read this table. A new metric of the kinds `detection` and
+`pose` is one function and one row. Values of other kinds are measured elsewhere.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -48,9 +49,10 @@ class Metric:
     """A row of the table.
 
     digits: decimals that are shown; kind: `pose` is the mean error of detected poses, `rod` that of
-    a rod's surface (`symmetric_errors`), `image` the median error in the image, `frames` a metric
-    of whole real frames (`metrics.frames`); in_paper: whether
-    the paper's tables have it; measure: its value on a test set, None if it is measured elsewhere.
+    a rod's surface (`symmetric_errors`), `image` the median error in the image, `silhouette` that
+    of masks (`image_metrics`), `frames` a metric of whole real frames (`frames.measures`);
+    in_paper: whether the paper's tables have it; measure: its value on a test set, None if it is
+    measured elsewhere.
     """
 
     name: str
@@ -85,7 +87,7 @@ def _mean_of(error: str) -> Callable[[ComparedImages], float | None]:
     return lambda images: images.errors.means()[error]
 
 
-def _pose(name: str, title: str, in_paper: bool = True) -> Metric:
+def _pose(name: str, title: str, in_paper: bool = False) -> Metric:
     unit = name.rpartition("_")[2]
     return Metric(name, title, unit, 2, "pose", in_paper=in_paper, measure=_mean_of(name))
 
@@ -97,13 +99,13 @@ def _frames(name: str, title: str) -> Metric:
 METRICS = (
     Metric("mAP", "mAP", "", 3, "detection", True, True, _mAP),
     Metric("detected_rate", "Detected rate", "", 3, "detection", True, True, _detected_rate),
-    _pose("x_mm", "x"),
-    _pose("y_mm", "y"),
-    _pose("z_mm", "z"),
-    _pose("pitch_deg", "Pitch"),
-    _pose("yaw_deg", "Yaw"),
-    _pose("axis_deg", "Axis", in_paper=False),
-    _pose("tip_mm", "Tip", in_paper=False),
+    _pose("x_mm", "x", in_paper=True),
+    _pose("y_mm", "y", in_paper=True),
+    _pose("z_mm", "z", in_paper=True),
+    _pose("pitch_deg", "Pitch", in_paper=True),
+    _pose("yaw_deg", "Yaw", in_paper=True),
+    _pose("axis_deg", "Axis"),
+    _pose("tip_mm", "Tip"),
     Metric("fps", "fps", "", 1, "speed", higher_is_better=True),
     Metric("add_s_mm", "ADD-S", "mm", 2, "rod"),
     Metric("mssd_mm", "MSSD", "mm", 2, "rod"),

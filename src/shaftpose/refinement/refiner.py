@@ -1,4 +1,4 @@
-"""Refinement of all detections in an image by fits to its mask and its edges."""
+"""Fits of an image's detections, and of shafts that its mask alone shows, to mask and edges."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

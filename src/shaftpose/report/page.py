@@ -16,7 +16,7 @@ from shaftpose.report.ablation import AblationReport, VariantRow
 from shaftpose.report.cells import cells
 
 TITLE = "Ablation report"
-HEADLINES = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
+MERITS = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
 PAIRS = "A single value is ours: the paper has no such row."
 
 
@@ -64,7 +64,7 @@ def _champion(report: AblationReport) -> str:
     best, rule = report.best, escape(report.champion.rule)
     if best is None:
         return f"**{escape(report.champion.variant)}**: {rule}."
-    merits = pipe_table([one.label for one in HEADLINES], [cells(best.metrics, HEADLINES)])
+    merits = pipe_table([one.label for one in MERITS], [cells(best.metrics, MERITS)])
     return _text(f"{best.title_cell(report.domain_label, best=True)}: {rule}.", merits)
 
 

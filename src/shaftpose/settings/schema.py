@@ -378,8 +378,10 @@ class LossSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class DetectionSettings:
-    """Limits of decoding, see `shaftpose.network.ssd.decoding`, and the refinement of poses, see
-    `shaftpose.refinement.refiner`."""
+    """Limits of decoding, and the refinement of poses, see `shaftpose.refinement.refiner`.
+
+    top_k, nms_iou: of the paper's networks alone, see `shaftpose.network.ssd.decoding`.
+    """
 
     top_k: Annotated[int, Field(gt=0, le=7322)]  # the number of default boxes
     nms_iou: Fraction

@@ -10,7 +10,7 @@ from shaftpose.metrics.best import best_of
 from shaftpose.metrics.table import MetricValues, metrics_named
 from shaftpose.sweeps.jobs import SweepJob, swept_parameters
 from shaftpose.sweeps.page import Page, write_page
-from shaftpose.sweeps.table import METRICS, sweep_figures, write_table
+from shaftpose.sweeps.table import DRAWN, sweep_figures, write_table
 from shaftpose.tracking.sweeps import SweepRun, add_summary, read_sweep, sweep_runs
 from shaftpose.tracking.views import view_link
 
@@ -63,7 +63,7 @@ def validation(run: SweepRun) -> MetricValues:
 def table(runs: Sequence[SweepRun], best: SweepRun) -> tuple[list[str], list[list[str]]]:
     """Headings and cells: the best run is marked, the others follow by mAP."""
     swept = swept_parameters([SweepJob(run.parameters, {}) for run in runs])
-    ordered = sorted(runs, key=lambda run: (run is not best, -run.metrics.get(METRICS[0], 0.0)))
+    ordered = sorted(runs, key=lambda run: (run is not best, -run.metrics.get(DRAWN[0], 0.0)))
     rows = [
         [
             "best" if run is best else "",

@@ -11,7 +11,7 @@ from shaftpose.sweeps.heat_maps import heat_map_figure, is_full_grid
 from shaftpose.sweeps.jobs import SweepJob, swept_parameters
 from shaftpose.sweeps.lines import line_figure
 
-METRICS = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
+DRAWN = ("validation/mAP", "validation/tip_mm", "validation/axis_deg")
 # Further columns, whether swept or not.
 SCALE = (
     "loss.alpha", "loss.gamma", "variant.name", "seed", "training_images",
@@ -26,9 +26,9 @@ def write_table(jobs: Sequence[SweepJob], path: Path) -> None:
     rows = []
     for job in jobs:
         row = [*(job.parameters.get(name, "") for name in names), job.steps]
-        values = [job.metrics.get(name) for name in METRICS]
+        values = [job.metrics.get(name) for name in DRAWN]
         rows.append([*row, *("" if value is None else f"{value:.6g}" for value in values)])
-    write_csv(path, [*names, STEPS, *METRICS], rows)
+    write_csv(path, [*names, STEPS, *DRAWN], rows)
 
 
 def read_table(path: Path) -> list[SweepJob]:
@@ -49,7 +49,7 @@ def sweep_figures(jobs: Sequence[SweepJob]) -> dict[str, Figure]:
     """Parallel coordinates and, of a full grid of two settings, heat maps, by name."""
     figures: dict[str, Figure] = {}
     if is_full_grid(jobs):
-        figures["maps"] = heat_map_figure(jobs, METRICS)
+        figures["maps"] = heat_map_figure(jobs, DRAWN)
     if swept_parameters(jobs):
-        figures["lines"] = line_figure(jobs, METRICS)
+        figures["lines"] = line_figure(jobs, DRAWN)
     return figures
