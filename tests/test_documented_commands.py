@@ -1,19 +1,25 @@
 """The commands of README and docs are ones that this version takes."""
 
+import io
 import re
 import shlex
 from collections.abc import Iterator
 from importlib.util import find_spec
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from dvc.cli import parse_args
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 
+from shaftpose.cli.main import main
 from shaftpose.cli.options import parser
 from shaftpose.settings.compose import composed_settings
+from tests.frame_sources.videos import write_video
+from tests.inference.test_calibration_files import PINHOLE
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -65,6 +71,41 @@ def test_make_has_the_target(words: list[str]) -> None:
 @pytest.mark.parametrize("words", of("shaftpose"))
 def test_the_command_line_takes_the_options(words: list[str]) -> None:
     parser().parse_args(words[1:])
+
+
+def of_users_files() -> list[object]:
+    """The commands for a user's own files, each once; not those for a camera, for trained models,
+    and of the tutorial, which the test of the whole pipeline runs."""
+    elsewhere = re.compile("0|models/.*|mine/.*")
+    found = {
+        tuple(words) for _, words in FOUND
+        if words[:2] in (["shaftpose", "predict"], ["shaftpose", "check"], ["shaftpose", "models"])
+        and not any(map(elsewhere.fullmatch, words))
+    }  # fmt: skip
+    return [pytest.param(words, id=shlex.join(words)) for words in sorted(found)]
+
+
+@pytest.fixture
+def _users_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with the files that the commands name, as the working directory."""
+    monkeypatch.chdir(tmp_path)
+    frame = np.full((480, 640, 3), 90, np.uint8)
+    write_video(tmp_path / "operation.mp4", [90, 90], 640, 480)
+    (tmp_path / "frames").mkdir()
+    for name in ("frame.png", "frames/frame.png"):
+        cv2.imwrite(name, frame)
+    (tmp_path / "cam.yaml").write_text(PINHOLE)
+    monkeypatch.setattr("sys.stdin", io.StringIO("frame.png\n"))
+
+
+@pytest.mark.usefixtures("_users_files")
+@pytest.mark.parametrize("words", of_users_files())
+def test_the_command_runs_on_a_users_files(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ["2" if before == "--workers" else word for before, word in pairwise(words)]
+    main(few)
+    assert capsys.readouterr().out or Path("found").is_dir() or Path("many").is_dir()
 
 
 @pytest.mark.parametrize("words", of("dvc"))

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,11 @@ SETTINGS = {
 @pytest.fixture(scope="session")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A Git repository of the tracked files as they are now, changed by `SETTINGS`."""
-    folder = tmp_path_factory.mktemp("clone")
+    return cloned(tmp_path_factory.mktemp("clone"))
+
+
+def cloned(folder: Path) -> Path:
+    """Make an empty folder such a repository; return it."""
     copy_tracked(ROOT, folder)
     (folder / "dvc.lock").unlink(missing_ok=True)
     text = (folder / "params.yaml").read_text()
@@ -89,21 +94,22 @@ def commit(folder: Path) -> None:
 
 @pytest.fixture(scope="session")
 def run(clone: Path) -> Run:
-    """Runs a command in the clone with this Python's programs and the clone's package."""
+    """Runs a command in the clone."""
+    return partial(run_in, clone)
 
-    def run_in_clone(*command: str) -> subprocess.CompletedProcess[str]:
-        environment = os.environ | {
-            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-            "PYTHONPATH": str(clone / "src"),
-        }
-        environment.pop("MLFLOW_TRACKING_URI", None)
-        # Trainings of seconds would end before MLflow's first sample, after 10 s.
-        environment["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "1"
-        return subprocess.run(
-            command, cwd=clone, env=environment, capture_output=True, text=True, timeout=900
-        )
 
-    return run_in_clone
+def run_in(clone: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in a clone with this Python's programs and the clone's package."""
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "PYTHONPATH": str(clone / "src"),
+    }
+    environment.pop("MLFLOW_TRACKING_URI", None)
+    # Trainings of seconds would end before MLflow's first sample, after 10 s.
+    environment["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "1"
+    return subprocess.run(
+        command, cwd=clone, env=environment, capture_output=True, text=True, timeout=900
+    )
 
 
 def replace_in(path: Path, old: str, new: str) -> None:

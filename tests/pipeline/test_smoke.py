@@ -1,34 +1,67 @@
-"""The complete pipeline at a small size, for a network of the paper; test_tutorial.py has E."""
+"""The complete pipeline at a small size, by the tutorial's commands, for E and for a network of the
+paper."""
 
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import mlflow
-import numpy as np
 import pytest
 
-from shaftpose.core.geometry import Camera, ShaftPose
-from shaftpose.frame_sources.video_files import VideoFile
-from tests.pipeline.conftest import Run, commit, copy_tracked, replace_in
+from tests.pipeline.conftest import Run, cloned, commit, copy_tracked, replace_in, run_in
+from tests.pipeline.tutorial import blocks, change_settings, write_own_files
 
 
 @pytest.fixture(scope="module")
-def finished(clone: Path, run: Run) -> Path:
-    result = run("dvc", "repro")
-    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clone with a tutorial's files and settings, and one more variant."""
+    folder = cloned(tmp_path_factory.mktemp("tutorial"))
+    write_own_files(folder / "mine")
+    change_settings(folder / "params.yaml", variants=["e", "d_noise_real"])
+    commit(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(clone: Path) -> Run:
+    return partial(run_in, clone)
+
+
+@pytest.fixture(scope="module")
+def printed(run: Run) -> str:
+    """What the tutorial's commands print, one after another."""
+    printed = ""
+    for block in blocks("bash"):
+        done = run("bash", "-ec", block)
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+        printed += done.stdout
+    return printed
+
+
+@pytest.fixture(scope="module")
+def finished(clone: Path, printed: str) -> Path:
     return clone
 
 
-def test_report_has_a_row_for_the_variant_and_the_constant(finished: Path) -> None:
+def test_the_tutorials_files_are_there(finished: Path, printed: str) -> None:
+    assert "set camera.view_deg to 71.5" in printed
+    for name in ("look.jpg", "backgrounds.jpg", "reports/e/figures/predictions.jpg"):
+        assert (finished / name).stat().st_size > 10_000
+    assert (finished / "found/predictions.jsonl").read_text().count("\n") == 1
+
+
+def test_the_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
     report = json.loads((finished / "reports/ablation.json").read_text())
-    (row,) = report["rows"]
-    assert (row["variant"], row["refined"]) == ("d_noise_real", False)
-    assert row["silhouettes"]
-    assert (row["test_images"], row["steps"]) == (6, 6)
+    rows = report["rows"]
+    names = [(row["variant"], row["refined"]) for row in rows]
+    assert names == [("e", False), ("e", True), ("d_noise_real", False)]
+    assert all(row["silhouettes"] for row in rows)
+    assert {(row["test_images"], row["steps"]) for row in rows} == {(6, 6)}
     assert report["constant"]["x_mm"] > 0
     text = (finished / "reports/ablation.md").read_text()
     assert "stand-in" in text
+    assert "| E + fit |" in text
     assert "0.965" in text  # the paper's mAP of D + noise + real, next to ours
 
 
@@ -71,7 +104,7 @@ def test_a_variant_is_tracked_with_model_and_metrics(finished: Path) -> None:
     files = mlflow.MlflowClient().list_artifacts(parent.info.run_id)
     assert {"ablation.html", "params.yaml"} == {one.path for one in files}
     runs = {run.info.run_name: run for run in found if run is not parent}
-    assert runs.keys() == {"d_noise_real", "detector"}
+    assert runs.keys() == {"e", "d_noise_real", "detector"}
     for run in runs.values():
         assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
     data = runs["d_noise_real"].data
@@ -105,19 +138,6 @@ def test_a_fresh_clone_of_what_git_holds_runs_nothing(
     assert "up to date" in result.stdout
 
 
-def test_changed_alpha_trains_again_but_does_not_render(finished: Path, run: Run) -> None:
-    shards = sorted((finished / "data/render").rglob("*.tar"))
-    before = [shard.stat().st_mtime_ns for shard in shards]
-    replace_in(finished / "params.yaml", "alpha: 1.5", "alpha: 0.5")
-    result = run("dvc", "repro", "train@d_noise_real")
-    replace_in(finished / "params.yaml", "alpha: 0.5", "alpha: 1.5")
-    restored = run("dvc", "repro", "train@d_noise_real")
-    assert "is cached - skipping run" in restored.stdout
-    assert "Running stage 'train@d_noise_real'" in result.stdout
-    assert "Running stage 'render'" not in result.stdout
-    assert [shard.stat().st_mtime_ns for shard in shards] == before
-
-
 def test_a_changed_variant_runs_its_training_alone(finished: Path, run: Run) -> None:
     replace_in(finished / "conf/variant/d_noise_real.yaml", "noise: 10", "noise: 5")
     result = run("dvc", "repro", "--dry")
@@ -125,24 +145,6 @@ def test_a_changed_variant_runs_its_training_alone(finished: Path, run: Run) -> 
     stages = re.findall(r"Running stage '([^']+)'", result.stdout)
     # A dry run cannot know that the new model will differ: later stages are not listed.
     assert stages == ["train@d_noise_real"]
-
-
-def test_experiments_are_compared_within_a_terminals_width(finished: Path, run: Run) -> None:
-    lock = (finished / "dvc.lock").read_bytes()
-    replace_in(finished / "params.yaml", "alpha: 1.5", "alpha: 0.5")
-    saved = run("dvc", "exp", "save", "--force", "--name", "adjective-noun")
-    replace_in(finished / "params.yaml", "alpha: 0.5", "alpha: 1.5")
-    (finished / "dvc.lock").write_bytes(lock)  # in which DVC has noted the experiment
-    assert saved.returncode == 0, saved.stderr[-3000:]
-    page = (finished / "docs/sweeps.md").read_text()
-    (command,) = re.findall("^dvc exp show .+$", page, re.MULTILINE)
-    shown = run("bash", "-ec", command).stdout.splitlines()
-    assert max(map(len, shown)) <= 120
-    assert shown[1].split() == [
-        "Experiment", "mAP", "x_mm", "y_mm", "z_mm", "tip_mm", "axis_deg", "iou",
-        "params.yaml:loss.alpha",
-    ]  # fmt: skip
-    assert [line.split()[-1] for line in shown[3:6]] == ["1.5", "1.5", "0.5"]
 
 
 @pytest.fixture(scope="module")
@@ -195,15 +197,15 @@ def test_predict_writes_a_line_of_json_and_draws(finished: Path, run: Run) -> No
     image = next((finished / "data/real/images").glob("*.jpg"))
     result = run(
         "shaftpose", "predict", str(image), "--model", "models/d_noise_real/model.onnx",
-        "--score", "0", "--out", "found", "--draw",
+        "--score", "0", "--out", "found_d", "--draw",
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
-    line = json.loads((finished / "found/predictions.jsonl").read_text())
+    line = json.loads((finished / "found_d/predictions.jsonl").read_text())
     assert line["image"] == str(image)
     assert {"score", "box", "x_mm", "y_mm", "z_mm", "pitch_deg", "yaw_deg"} <= set(
         line["instruments"][0]
     )
-    assert (finished / "found" / image.name).is_file()
+    assert (finished / "found_d" / image.name).is_file()
 
 
 def test_show_draws_sheets(finished: Path, run: Run) -> None:
@@ -216,22 +218,26 @@ def test_show_draws_sheets(finished: Path, run: Run) -> None:
     assert missing.stderr.startswith("error: nowhere")
 
 
-def test_a_film_of_moving_shafts_is_rendered(finished: Path, run: Run) -> None:
-    result = run("python", "-m", "studies.moving_shafts", "film", "--frames", "2")
-    assert result.returncode == 0, result.stderr
-    first, second = VideoFile(finished / "film/film.mp4").frames()
-    assert (first.fps, first.rgb.shape) == (25.0, (360, 640, 3))
-    poses = json.loads((finished / "film/poses.json").read_text())
-    assert [len(shafts) for shafts in poses] == [2, 2]
-    # Between the frames, pixels change around the shafts only.
-    changed = np.abs(first.rgb.astype(int) - second.rgb).max(axis=2) > 30
-    camera = Camera.from_field_of_view(640, 640, 95.0)
-    lines = [
-        camera.project(pose.tip_mm + length_mm * pose.direction) - (0, (640 - 360) / 2)
-        for pose in (ShaftPose(**stated) for stated in poses[0])
-        for length_mm in np.linspace(0, 20, 41)
-    ]
-    y, x = np.nonzero(changed)
-    assert len(x) > 20
-    distances = np.linalg.norm(np.stack([x, y], axis=1)[:, None] - np.array(lines), axis=2)
-    assert np.mean(distances.min(axis=1) < 40) > 0.9
+# The last test: it leaves the experiment's results in place of the pipeline's.
+def test_an_experiment_trains_again_what_differs_and_is_compared(finished: Path, run: Run) -> None:
+    shards = sorted((finished / "data/render").rglob("*.tar"))
+    before = [shard.stat().st_mtime_ns for shard in shards]
+    page = (finished / "docs/sweeps.md").read_text()
+    (block,) = re.findall(r"^```\n(dvc exp run .+?)```", page, re.MULTILINE | re.DOTALL)
+    experiment, _, show, plots = block.splitlines()  # the second one runs on without end
+    commit(finished)
+    done = run("bash", "-ec", experiment)
+    assert done.returncode == 0, done.stderr[-3000:]
+    ran = re.findall(r"^Running stage '(\w+)@(\w+)'", done.stdout, re.MULTILINE)
+    stages = "train", "export", "evaluate", "evaluate_real"
+    # E reads no alpha: its training finds itself finished.
+    assert set(ran) == {("train", "e"), *((stage, "d_noise_real") for stage in stages)}
+    assert [shard.stat().st_mtime_ns for shard in shards] == before
+    shown = run("bash", "-ec", show).stdout.splitlines()
+    assert max(map(len, shown)) <= 120
+    assert shown[1].split() == [
+        "Experiment", "mAP", "x_mm", "y_mm", "z_mm", "tip_mm", "axis_deg", "iou",
+        "params.yaml:loss.alpha",
+    ]  # fmt: skip
+    assert [line.split()[-1] for line in shown[3:6]] == ["0.5", "1.5", "0.5"]
+    assert "index.html" in run("bash", "-ec", plots).stdout
