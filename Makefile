@@ -111,7 +111,7 @@ architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables
 
 results: $(READY)  ## write the project's own pages (docs/results.md, README) from what Git holds
-	python -m benchmarks.scaling_tables
+	python -m studies.scaling_tables
 	python -m studies.write_results_page
 
 clean:  ## remove data/scratch, from which interrupted renders and trainings resume

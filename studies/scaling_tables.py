@@ -1,6 +1,6 @@
 """Fills the tables of docs/scaling.md with the results of `make bench-render`.
 
-`python -m benchmarks.scaling_tables` reads benchmarks/results/render.json.
+`python -m studies.scaling_tables` reads benchmarks/results/render.json.
 """
 
 from dataclasses import dataclass

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import scaling_tables
-from benchmarks.scaling_tables import (
+from studies import scaling_tables
+from studies.scaling_tables import (
     DURATIONS,
     PAGE,
     SIZES,
