@@ -47,13 +47,14 @@ def inputs(tmp_path: Path) -> list[str]:
 
 @pytest.fixture
 def run(model: Path, inputs: list[str], tmp_path: Path) -> Run:
-    """Predicts into a folder and returns the files there."""
+    """Predicts into a folder and returns the files there, without the record of options."""
 
     def predict(*options: str) -> dict[str, bytes]:
         out = tmp_path / "out"
         arguments = ["--model", str(model), "--view-deg", "95", "--out", str(out)]
         main(["predict", *inputs, *arguments, *options])
-        return {path.name: path.read_bytes() for path in out.iterdir()}
+        files = (path for path in out.iterdir() if path.suffix != ".options")
+        return {path.name: path.read_bytes() for path in files}
 
     return predict
 
@@ -81,8 +82,8 @@ def test_drawings_of_a_resumed_run_are_those_of_an_uninterrupted_one(
     # Killed while the second image was drawn, and while the fourth frame's result was written.
     photos = {"0.jpg": None, "1.jpg": None, "2.jpg": None}
     for count, there in ((2, {"0.jpg": None, "1.jpg": 99}), (6, photos | {"clip.mp4": 999})):
-        shutil.rmtree(out)
-        out.mkdir()
+        for name in whole:
+            (out / name).unlink()
         for name, size in there.items():
             (out / name).write_bytes(whole[name][:size])
         (out / "predictions.jsonl").write_bytes(b"".join([*lines[:count], lines[count][:9]]))
@@ -103,12 +104,45 @@ def test_nothing_is_resumed_in_an_empty_folder(run: Run, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("content", ['{"image": "a"}\n', "no results\n", "[]\n"])
 def test_other_files_are_not_continued(content: str, run: Run, tmp_path: Path) -> None:
+    run()
     path = tmp_path / "out" / "predictions.jsonl"
-    path.parent.mkdir()
     path.write_text(content)
     with pytest.raises(SystemExit, match=f"^error: {path}: holds no results of --format jsonl"):
         run("--resume")
     assert path.read_text() == content
+
+
+def test_a_run_goes_on_with_its_own_options_alone(run: Run, tmp_path: Path) -> None:
+    whole = run("--score", "0.3")
+    path = tmp_path / "out" / "predictions.jsonl"
+    said = f"^error: {path}: was begun with --score 0.3, not 0.8; resume it with the same options"
+    with pytest.raises(SystemExit, match=said):
+        run("--resume", "--score", "0.8")
+    (tmp_path / "out/predictions.jsonl.options").unlink()
+    with pytest.raises(SystemExit, match="which tells its options, is gone; name another folder"):
+        run("--resume", "--score", "0.3")
+    assert path.read_bytes() == whole["predictions.jsonl"]
+
+
+def test_a_film_beside_its_drawing_is_never_overwritten(model: Path, tmp_path: Path) -> None:
+    film = write_video(tmp_path / "clip.mp4", [40, 80, 120, 160], 400, 300)
+    arguments = [
+        "predict", str(film), "--model", str(model), "--out", str(tmp_path), "--draw", "--resume",
+    ]  # fmt: skip
+    before = film.read_bytes()
+    main(arguments)
+    drawn = (tmp_path / "clip-2.mp4").read_bytes()
+    (tmp_path / "clip-2.mp4").unlink()  # a killed run leaves it without its end
+    main(arguments)
+    assert film.read_bytes() == before
+    assert (tmp_path / "clip-2.mp4").read_bytes() == drawn
+
+
+def test_drawings_do_not_join_the_images(run: Run, inputs: list[str], model: Path) -> None:
+    folder, model = inputs[0], str(model)
+    with pytest.raises(SystemExit, match="holds the images to predict, which drawings must not"):
+        main(["predict", folder, "--model", model, "--out", folder, "--draw"])
+    assert len(list(Path(folder).iterdir())) == 3
 
 
 @pytest.mark.parametrize("options", [["--resume"], ["--resume", "--out", "x", "--format", "bop"]])

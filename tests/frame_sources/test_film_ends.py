@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from shaftpose.frame_sources.film_ends import counts_frames, film_seconds, is_cut
+from shaftpose.frame_sources.film_ends import counts_frames, film_seconds, is_cut, video_tracks
 from tests.frame_sources.videos import box, write_matroska, write_video
 
 
@@ -63,3 +63,27 @@ def test_an_avi_that_was_written_to_a_pipe_states_no_end(length: int, tmp_path: 
     path = tmp_path / "clip.avi"
     path.write_bytes(b"RIFF" + length.to_bytes(4, "little") + b"AVI " + bytes(50))
     assert not is_cut(path)
+
+
+def test_a_wmv_film_states_its_size(tmp_path: Path) -> None:
+    """[MS-ASF]: the header object, then the file properties with an id and the file's size."""
+    path = tmp_path / "clip.wmv"
+    header = bytes.fromhex("3026b2758e66cf11a6d900aa0062ce6c") + bytes(14)
+    properties = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365") + bytes(8) + bytes(16)
+    for stated, cut in ((200, False), (201, True)):
+        data = header + properties + stated.to_bytes(8, "little")
+        path.write_bytes(data.ljust(200, b"\0"))
+        assert is_cut(path) == cut
+
+
+def test_the_videos_in_a_film_are_counted(film: Path) -> None:
+    assert video_tracks(film) == 1
+    data = film.read_bytes()
+    if film.suffix == ".mp4":
+        track = data[data.index(b"trak") - 4 :]
+        track = track[: int.from_bytes(track[:4], "big")]
+        start = data.index(b"moov") - 4
+        end = start + int.from_bytes(data[start : start + 4], "big")
+        moov = box(b"moov", data[start + 8 : end] + track)
+        film.write_bytes(data[:start] + moov + data[end:])
+        assert video_tracks(film) == 2

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.image_files.oddities import misread, oblong
@@ -59,6 +60,52 @@ def test_brightness_that_opencv_misreads_is_refused(tmp_path: Path) -> None:
     assert "white as 0" in complaint(tmp_path, white_is_zero(encoded(".tiff", sixteen)))
     assert "at most 100" in complaint(tmp_path, dark)
     assert "red and blue" in complaint(tmp_path, encoded(".pam", IMAGE))
+    assert "each colour by itself" in complaint(tmp_path, planes_apart(IMAGE.astype(np.uint16)))
+
+
+def planes_apart(image: NDArray[np.uint16]) -> bytes:
+    """A TIFF file of 16 bits whose colours follow one another."""
+    height, width, _ = image.shape
+    plane, entries = 2 * height * width, []
+    bits, places, sizes = 200, 210, 230  # where lists of three numbers are
+    for tag, kind, count, value in (
+        (256, 3, 1, width), (257, 3, 1, height), (258, 3, 3, bits), (259, 3, 1, 1), (262, 3, 1, 2),
+        (273, 4, 3, places), (277, 3, 1, 3), (278, 3, 1, height), (279, 4, 3, sizes),
+        (284, 3, 1, 2),
+    ):  # fmt: skip
+        entries.append(struct.pack("<HHII", tag, kind, count, value))
+    head = b"II*\0" + struct.pack("<IH", 8, len(entries)) + b"".join(entries) + bytes(4)
+    head = head.ljust(bits, b"\0") + struct.pack("<3H", 16, 16, 16)
+    head = head.ljust(places, b"\0") + struct.pack("<3I", *(256 + n * plane for n in range(3)))
+    head = head.ljust(sizes, b"\0") + struct.pack("<3I", plane, plane, plane)
+    return head.ljust(256, b"\0") + image.transpose(2, 0, 1).tobytes()
+
+
+def bitmap(masks: tuple[int, int, int], image: NDArray[np.uint8]) -> bytes:
+    """A BMP file of 32 bits, from the lowest row up, with these masks of red, green and blue."""
+    height, width, _ = image.shape
+    values = sum(
+        image[::-1, :, n].astype(np.uint32) * (mask & -mask) for n, mask in enumerate(masks)
+    )
+    pixels = np.asarray(values, "<u4").tobytes()
+    header = struct.pack("<IiiHHIIiiII", 40, width, height, 1, 32, 3, len(pixels), 0, 0, 0, 0)
+    begin = b"BM" + struct.pack("<IHHI", 66 + len(pixels), 0, 0, 66)
+    return begin + header + struct.pack("<3I", *masks) + pixels
+
+
+def test_colours_of_a_bitmap_are_in_their_usual_order(tmp_path: Path) -> None:
+    path = tmp_path / "usual.bmp"
+    path.write_bytes(bitmap((0xFF0000, 0xFF00, 0xFF), IMAGE))
+    np.testing.assert_array_equal(read_rgb(path), IMAGE)
+    assert "order of colours" in complaint(tmp_path, bitmap((0xFF, 0xFF00, 0xFF0000), IMAGE))
+
+
+def test_a_brightness_that_is_stated_is_white(tmp_path: Path) -> None:
+    path, said = tmp_path / "image.pgm", list[str]()
+    values = np.array([[0, 150, 300]], ">u2")
+    path.write_bytes(b"P5 3 1 300\n" + values.tobytes())
+    np.testing.assert_array_equal(read_rgb(path, said.append)[0, :, 0], [0, 127, 255])
+    assert said == []
 
 
 @pytest.mark.parametrize("suffix", [".tiff", ".pgm", ".png", ".jpg"])

@@ -108,6 +108,15 @@ def test_a_camera_that_cannot_be_that_of_its_frames_is_named(
         Calibration(640, 480, matrix, np.array([k1, 0, 0, 0])).check()
 
 
+@pytest.mark.parametrize("lens", [(0, 0, -0.5, 0), (0, 0, 0.5, 0), (0, 0, 0, -0.5), (0, 0, 0, 0.5)])
+def test_a_distortion_may_fold_back_on_one_side(lens: tuple[float, ...]) -> None:
+    """Along one axis, the distortion of p = 0.5 is r - 1.5 r^2: largest at a third of the focal
+    length, where it is a sixth."""
+    matrix = np.array([[600.0, 0, 319.5], [0, 600, 239.5], [0, 0, 1]])
+    with pytest.raises(InputError, match="folds back 100 px"):
+        Calibration(640, 480, matrix, np.array(lens)).check()
+
+
 def test_what_is_cut_from_frames_is_said() -> None:
     """k1 = -0.1 folds back 1.217 focal lengths from the axis, in the corners alone; 320 px are 70
     deg at 262 px a radian."""

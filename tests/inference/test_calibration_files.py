@@ -23,7 +23,7 @@ distortion_coefficients: !!opencv-matrix
    rows: 5
    cols: 1
    dt: d
-   data: [ -2.5e-01, 0, 1, 0., 0.125 ]
+   data: [ -2.5e-01, 1, 0, 0., 0.125 ]
 """
 
 PINHOLE = """%YAML:1.0
@@ -74,7 +74,7 @@ def test_a_calibration_is_read(path: Path) -> None:
     camera = read(path)
     assert camera.size == (640, 480)
     assert camera.matrix.tolist() == [[500, 0, 320.5], [0, 510, 239.25], [0, 0, 1]]
-    assert camera.distortion.tolist() == [-0.25, 0, 1, 0, 0.125]
+    assert camera.distortion.tolist() == [-0.25, 1, 0, 0, 0.125]
 
 
 @pytest.mark.parametrize("suffix", ["yaml", "xml", "json"])
@@ -108,7 +108,6 @@ def test_what_opencv_writes_is_read(suffix: str, tmp_path: Path) -> None:
         ("---", "---\nfisheye_model: 1", "distortion_coefficients: .*a matrix of 4 numbers"),
         ("---", "---\ndistortion_model: thin_prism", "distortion_model: thin_prism is not"),
         ("---", "---\ndistortion_model: 3", "distortion_model: "),
-        ("---", "---\nxi: 1.2", "distortion_model: omnidirectional is not supported"),
         ("320.5", "720.5", "the camera's principal point"),
         ("510.", "51.", "focal lengths of 500 and 51 px are not those of one lens"),
         ("rows: 3", f"{'9' * 40}: 3", "no calibration file"),
@@ -188,7 +187,7 @@ MESSAGE = """header:
 height: 480
 width: 640
 distortion_model: "plumb_bob"
-D: [-0.25, 0.0, 1.0, 0.0, 0.125]
+D: [-0.25, 1.0, 0.0, 0.0, 0.125]
 K: [500.0, 0.0, 320.5, 0.0, 510.0, 239.25, 0.0, 0.0, 1.0]
 roi:
   height: 0
@@ -213,15 +212,40 @@ def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
     camera = read(path)
     assert camera.size == (640, 480)
     assert camera.matrix.tolist() == [[500, 0, 320.5], [0, 510, 239.25], [0, 0, 1]]
-    assert camera.distortion.tolist() == [-0.25, 0, 1, 0, 0.125]
+    assert camera.distortion.tolist() == [-0.25, 1, 0, 0, 0.125]
 
 
 def test_opencvs_fisheye_lens_is_read(path: Path) -> None:
-    marked = FILE.replace("---", "---\nfisheye_model: 1").replace(" 1, 0., 0.125", " 0.1, 0.")
+    marked = FILE.replace("---", "---\nfisheye_model: 1").replace(" 1, 0, 0., 0.125", " 0.1, 0, 0.")
     path.write_text(marked)
     assert read(path).fisheye
     path.write_text(marked.replace("fisheye_model: 1", "fisheye_model: 0"))
     assert not read(path).fisheye
+
+
+@pytest.mark.parametrize(
+    ("line", "fisheye"),
+    [("fisheye_model: true", True), ("fisheye_model: Yes", True), ('fisheye_model: "1"', True),
+     ("fisheye_model: 1.0", True), ("fisheye: 1", True), ("camera_model: fisheye", True),
+     ("fisheye_model: false", False), ("fisheye: no", False), ("camera_model: pinhole", False)],
+)  # fmt: skip
+def test_a_fisheye_lens_is_known_in_other_words(line: str, fisheye: bool, path: Path) -> None:
+    path.write_text(FILE.replace("---", f"---\n{line}").replace(" 1, 0, 0., 0.125", " 0.1, 0, 0."))
+    assert read(path).fisheye is fisheye
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [("fisheye_model: 2", "fisheye_model: 2: must be 0 or 1"),
+     ("fisheye: perhaps", "fisheye: perhaps: must be 0 or 1"),
+     ("distortion_model: 1", "distortion_model: 1 is not supported"),
+     ("distortion_model: [1]", "distortion_model: a list is not supported"),
+     ("xi: 1.2", "xi: an omnidirectional lens is not supported")],
+)  # fmt: skip
+def test_an_unknown_lens_is_refused(line: str, complaint: str, path: Path) -> None:
+    path.write_text(FILE.replace("---", f"---\n{line}"))
+    with pytest.raises(InputError, match=f"^{path}: {re.escape(complaint)}"):
+        read(path)
 
 
 def test_a_missing_file_and_a_picture_are_named(path: Path) -> None:

@@ -1,5 +1,6 @@
 """Results of an interrupted run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.earlier_results import Earlier, continued
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.inference.result_stream import UnwritableError, hold
 
 RGB = np.zeros((4, 4, 3), dtype=np.uint8)
 SHAFT = FoundShaft(
@@ -36,7 +38,8 @@ def test_the_last_frame_is_dropped(style: str, tmp_path: Path) -> None:
     with path.open("ab") as file:
         file.write(b"half a line")
     earlier = continued(path, style, tracked=False, drawn=False)
-    assert earlier.frames == {**{image.source: 1 for image in IMAGES}, "film.mp4": 2}
+    assert earlier.frames == {**{image.source: [1] for image in IMAGES}, "film.mp4": [2]}
+    assert earlier.count == len(IMAGES) + 2
     assert earlier.again == {"film.mp4"}
     assert path.read_bytes() == before
 
@@ -60,13 +63,13 @@ def test_a_film_is_dropped_as_a_whole_if_it_must_be(
     before = written(tmp_path, style, frames[:kept]).read_bytes() if kept or frames else b""
     path = written(tmp_path, style, frames)
     earlier = continued(path, style, tracked, drawn)
-    assert earlier.frames == {frame.source: frame.number + 1 for frame in frames[:kept]}
+    assert earlier.frames == {frame.source: [frame.number + 1] for frame in frames[:kept]}
     assert earlier.again == {frame.source for frame in frames[kept:]}
     assert path.read_bytes() == before
 
 
 def test_what_is_left_is_predicted() -> None:
-    done = Earlier({"a.png": 1, "film.mp4": 7, "camera 0": 9})
+    done = Earlier({"a.png": [1], "film.mp4": [7], "camera 0": [9]})
     named = [
         ImageFile(Path("a.png")), ImageFile(Path("b.png")), VideoFile(Path("film.mp4")),
         VideoFile(Path("new.mp4")), LiveStream(0),
@@ -74,3 +77,28 @@ def test_what_is_left_is_predicted() -> None:
     assert list(done.rest(named)) == [
         named[1], VideoFile(Path("film.mp4"), first=7), named[3], named[4],
     ]  # fmt: skip
+
+
+def test_a_source_that_is_named_twice_is_done_twice(tmp_path: Path) -> None:
+    path = written(tmp_path, "jsonl", [*FILM, IMAGES[0], IMAGES[0], *FILM[:2]])
+    earlier = continued(path, "jsonl", tracked=False, drawn=False)
+    assert earlier.frames == {"film.mp4": [3, 1], "f/a.png": [1, 1]}
+    film, image = VideoFile(Path("film.mp4")), ImageFile(Path("f/a.png"))
+    left = list(earlier.rest([film, image, image, film, image]))
+    assert left == [replace(film, first=3), replace(film, first=1), image]
+
+
+def test_results_that_another_run_writes_are_left_alone(tmp_path: Path) -> None:
+    path = written(tmp_path, "jsonl", FILM)
+    before = path.read_bytes()
+    with path.open("a") as other:
+        hold(other, path)
+        with pytest.raises(UnwritableError, match=f"^{path}: another run is writing to this file"):
+            continued(path, "jsonl", tracked=False, drawn=False)
+    assert path.read_bytes() == before
+    assert continued(path, "jsonl", tracked=False, drawn=False).frames == {"film.mp4": [2]}
+
+
+def test_what_is_no_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UnwritableError, match=f"^{tmp_path}: cannot be written"):
+        continued(tmp_path, "jsonl", tracked=False, drawn=False)

@@ -111,6 +111,20 @@ def test_films_in_a_folder_are_told(tmp_path: Path) -> None:
     assert warnings == [f"{tmp_path}: its films are left out (2, such as b.mp4); name each film"]
 
 
+def test_a_part_of_films_is_no_part_of_folders(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    warnings: list[str] = []
+    found = list(sources([str(tmp_path)], [], Span(every=5), warnings.append))
+    assert found == [ImageFile(tmp_path / "a.png")]
+    assert warnings == [
+        f"{tmp_path}: --start, --end, --every: for films alone; all of its images are used"
+    ]
+
+
+def test_a_list_may_begin_with_a_byte_order_mark() -> None:
+    assert list(sources(["-"], ["\ufeffa.png\r\n"], Span())) == [ImageFile(Path("a.png"))]
+
+
 def test_an_image_is_one_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     write_jpeg(np.full((20, 30, 3), 90, dtype=np.uint8), path)

@@ -92,7 +92,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--every", type=_positive, default=1, metavar="N",
-        help="use only each N-th frame (default: 1)",
+        help="use only each N-th frame of films (default: 1)",
     )  # fmt: skip
     parser.add_argument(
         "--track", action="store_true",

@@ -1,9 +1,11 @@
 """`shaftpose predict`: poses of the shafts in images, videos and streams."""
 
 import argparse
+import hashlib
+import os
 import sys
 from collections.abc import Iterable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from functools import cache, partial
 from io import TextIOWrapper
@@ -24,8 +26,15 @@ from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
 from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, sources
 from shaftpose.inference.result_stream import result_stream, results_file
+from shaftpose.inference.run_record import RunRecord, run_record
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.tracker import ShaftTracker
+
+# Options that decide results and drawings, besides the files that others name.
+_DECISIVE = (
+    "view_deg", "diameter_mm", "crop", "score", "refine", "backend", "start", "end", "every",
+    "track", "draw",
+)  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> None:
@@ -37,6 +46,11 @@ def run(options: argparse.Namespace) -> None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     if options.rerun and options.out is None:
         raise InputError("--rerun: needs a folder for the recording; name one by --out")
+    if options.draw and any(map(partial(_is_folder, options.out), options.sources)):
+        raise InputError(
+            f"--out {options.out}: holds the images to predict, which drawings must not join; name "
+            "another folder"
+        )
     if options.start >= options.end:
         raise InputError(f"--start {options.start:g} s is not before --end {options.end:g} s")
     if options.resume and (options.out is None or options.rerun or options.format == "bop"):
@@ -48,18 +62,23 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(f"sources that failed, see above: {failed}")
 
 
+def _is_folder(folder: Path, name: str) -> bool:
+    """Whether a source is this folder."""
+    return os.path.isdir(name) and os.path.isdir(folder) and os.path.samefile(name, folder)
+
+
 def _predict_alone(options: argparse.Namespace) -> int:
     """Predict all sources in this process. Returns the number of sources that failed."""
     warn_once = cache(warn)
     finder = _finder_options(options).finder(warn_once)
-    named, earlier = named_sources(options), _earlier(options)
+    named, record, earlier = named_sources(options), _record(options), _earlier(options)
     tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style = format_of_run(options.format)
-    drawings = annotated_files(options.out, earlier.again) if options.draw else None
+    drawings = annotated_files(options.out, earlier.again, record) if options.draw else None
     recording = _recording(options.out, finder) if options.rerun else None
     with (
         outputs(options.out, style, drawings, recording, options.resume) as write,
-        progress_bar(named, sum(earlier.frames.values()), options.out is None) as bar,
+        progress_bar(named, earlier.count, options.out is None) as bar,
     ):
 
         def predict(frame: Frame) -> None:
@@ -88,15 +107,16 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         from shaftpose.farm.workers import client_of
     except ImportError as error:
         raise InputError("--workers: needs Dask: in a clone, pip install '.[cluster]'") from error
-    named, earlier = named_sources(options), _earlier(options)
     style = format_of_run(options.format)
-    with model_file(options.model) as model:
+    with model_file(options.model) as model, ExitStack() as stack:
         chosen = _absolute(_finder_options(options), model)
         chosen.finder(warn)  # so that unusable options end the command here
+        client = stack.enter_context(client_of(options.workers))  # one that fails leaves no file
+        _record(options)
+        named, earlier = named_sources(options), _earlier(options)
         with (
-            client_of(options.workers) as client,  # first: one that fails leaves no file
             result_stream(options.out, style, options.resume) as results,
-            progress_bar(named, sum(earlier.frames.values()), options.out is None) as bar,
+            progress_bar(named, earlier.count, options.out is None) as bar,
         ):
 
             def write(image: PredictedImage) -> None:
@@ -114,6 +134,27 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
     except ImportError as error:
         raise InputError("--rerun: needs Rerun: in a clone, pip install '.[rerun]'") from error
     return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
+
+
+def _record(options: argparse.Namespace) -> RunRecord | None:
+    """The record of a run in a folder: the options that decide its results, files by content."""
+    if options.out is None:
+        return None
+    with model_file(options.model) as model:
+        decisive = {"--model": _digest(model)}
+    decisive["--camera"] = "" if options.camera is None else _digest(options.camera)
+    for name in _DECISIVE:
+        decisive[f"--{name.replace('_', '-')}"] = str(getattr(options, name))
+    results = results_file(options.out, format_of_run(options.format))
+    return run_record(results, decisive, options.resume)
+
+
+def _digest(path: Path) -> str:
+    """The beginning of a file's SHA-256. Raises InputError naming the file if it is missing."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def _earlier(options: argparse.Namespace) -> Earlier:

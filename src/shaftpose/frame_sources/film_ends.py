@@ -1,13 +1,22 @@
 """Whether a video file was cut short, as containers tell by the sizes that they state."""
 
+import re
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 _BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")  # that MP4 and MOV begin with
 _EBML, _SEGMENT = b"\x1aE\xdf\xa3", b"\x18S\x80g"  # of Matroska and WebM
+# WMV's beginning, and that of the object in its header that tells the file's size.
+_ASF = bytes.fromhex("3026b2758e66cf11")
+_ASF_FILE = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 _PACKETS = ((0, 188), (4, 192))  # of MPEG transport streams: place of their sync byte, and length
 _SYNC = 0x47
+# Bytes that are read of headers.
+_ASF_HEADER, _MATROSKA_HEADER, _MP4_HEADER = 1 << 16, 1 << 20, 1 << 26
+_TRACKS, _MATROSKA_VIDEO = b"\x16\x54\xae\x6b", b"\x83\x81\x01"
+_VIDEO_TRACK = re.compile(rb"hdlr\0{4}(?:\0{4}|mhlr)vide", re.DOTALL)
 _MOST_BOXES = 1_000_000  # a film has two for each second at most
 
 
@@ -36,10 +45,30 @@ def is_cut(path: Path) -> bool:
             return any(end > size + 1 for end in _riff_ends(file, size))  # a last byte may be spare
         if head[:4] == _EBML:
             return _segment_end(file) > size
+        if head[:8] == _ASF:
+            return _asf_size(file) > size
     for place, length in _PACKETS:
         if len(head) > place + length and head[place] == head[place + length] == _SYNC:
             return size % length > 0
     return False
+
+
+def video_tracks(path: Path) -> int:
+    """The number of videos in a film, such as of two eyes; 1 for other containers than MP4, MOV,
+    Matroska and WebM."""
+    with path.open("rb") as file:
+        if file.read(4) == _EBML:
+            _, found, tracks = file.read(_MATROSKA_HEADER).partition(_TRACKS)
+            size, _ = _ebml_size(BytesIO(tracks)) if found else (0, False)
+            return max(tracks[: size + 8].count(_MATROSKA_VIDEO), 1)
+        start = 0
+        for end in _box_ends(file, path.stat().st_size):
+            file.seek(start)
+            if file.read(8)[4:] == b"moov":
+                header = file.read(min(end - start, _MP4_HEADER))
+                return max(len(_VIDEO_TRACK.findall(header)), 1)
+            start = end
+    return 1
 
 
 def film_seconds(path: Path) -> float | None:
@@ -102,6 +131,14 @@ def _segment_end(file: BinaryIO) -> int:
         return 0
     length, known = _ebml_size(file)
     return file.tell() + length if known else 0
+
+
+def _asf_size(file: BinaryIO) -> int:
+    """The size that a WMV file states, 0 if it states none."""
+    file.seek(0)
+    header = file.read(_ASF_HEADER)
+    place = header.find(_ASF_FILE)
+    return int.from_bytes(header[place + 40 : place + 48], "little") if place > 0 else 0
 
 
 def _ebml_size(file: BinaryIO) -> tuple[int, bool]:

@@ -12,7 +12,13 @@ import numpy as np
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.frame_sources.decoded_frames import DecodedFrames, opened
-from shaftpose.frame_sources.film_ends import counts_frames, counts_from_zero, film_seconds, is_cut
+from shaftpose.frame_sources.film_ends import (
+    counts_frames,
+    counts_from_zero,
+    film_seconds,
+    is_cut,
+    video_tracks,
+)
 from shaftpose.frame_sources.film_gaps import FilmGaps
 from shaftpose.frame_sources.frames import USUAL_FPS, Frame, from_bgr
 
@@ -62,6 +68,8 @@ class VideoFile:
         """The frames, at the times that the file states. Raises InputError naming the file if it is
         not a video, ends early, or cannot be decoded; warns if single frames are missing."""
         capture = self._opened()
+        if (tracks := video_tracks(self.path)) > 1:
+            warn(f"{self.path}: holds {tracks} videos; the first one is used")
         fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
         number, time_s, step_s, stated = 0, 0.0, 1 / fps, 0
         decoded, gaps = DecodedFrames(self.name), FilmGaps(fps)

@@ -5,10 +5,15 @@ from itertools import takewhile
 
 from shaftpose.image_files.parts import Tiff, png_chunks
 
-_BITS, _PHOTOMETRIC, _SAMPLE_FORMAT = 258, 262, 339  # TIFF's tags
+# TIFF's tags.
+_BITS, _PHOTOMETRIC, _SAMPLES, _PLANES, _SAMPLE_FORMAT = 258, 262, 277, 284, 339
+_APART = 2  # of planes: each colour by itself
 _WHITE_IS_ZERO, _RGB, _SIGNED = 0, 2, 2  # photometrics: white, black or RGB; others are encodings
 _SPACE = rb"(?:\s+|#[^\n]*\n)+"
 _PNM_HEADER = re.compile(rb"P[2356]" + 3 * (_SPACE + rb"(\d+)"))
+# BMP with the shortest header, 32 bits and masks of its colours, and the usual masks.
+_BITMAP_WITH_MASKS = re.compile(rb"BM.{12}\x28\0{3}.{10}\x20\0\x03\0{3}", re.DOTALL)
+_BLUE_FIRST = b"\0\0\xff\0\0\xff\0\0\xff\0\0\0"
 _ROUNDING = 0.01  # of resolutions in whole numbers
 
 
@@ -33,7 +38,19 @@ def misread(data: bytes) -> str:
             return "its numbers may be negative, which OpenCV ignores"
         if photometric == _WHITE_IS_ZERO and tiff.first(_BITS, 1) > 8:
             return "stores white as 0, which OpenCV ignores beyond 8 bits"
+        apart = tiff.first(_PLANES, 1) == _APART and tiff.first(_SAMPLES, 1) > 1
+        if apart and tiff.first(_BITS, 1) > 8:
+            return "stores each colour by itself, which OpenCV ignores beyond 8 bits"
+    if _BITMAP_WITH_MASKS.match(data) and data[54:66] != _BLUE_FIRST:
+        return "states an order of colours that OpenCV ignores"
     return ""
+
+
+def greatest_value(data: bytes) -> int | None:
+    """The brightness that a PNM file of more than 8 bits states as its greatest; None for other
+    files."""
+    header = _PNM_HEADER.match(data)
+    return int(header[3]) if header and int(header[3]) > 255 else None
 
 
 def oblong(data: bytes) -> tuple[int, int] | None:

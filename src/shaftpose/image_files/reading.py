@@ -14,7 +14,7 @@ from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.images import Image
 from shaftpose.image_files.formats import orientation, picture_count, still
-from shaftpose.image_files.oddities import misread, oblong, overruns
+from shaftpose.image_files.oddities import greatest_value, misread, oblong, overruns
 
 _MOST_BYTES = 2**30  # of an image file, which is read as a whole
 _log = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ def read_rgb(path: Path, warn: Warn = _log.warning) -> Image:
             f"{path}: states pixels that are not square ({sides[0]} : {sides[1]}); they are taken "
             "for square: if they are not, resize it"
         )
-    bgr = _upright(_eight_bits(pixels, warn), turned or 1)
+    bgr = _upright(_eight_bits(pixels, greatest_value(data), warn), turned or 1)
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), np.uint8)
 
 
@@ -80,10 +80,13 @@ def _content(path: Path) -> bytes:
     raise InputError(f"{path}: cannot be read ({what}); name a readable image file")
 
 
-def _eight_bits(pixels: NDArray[Any], warn: Warn) -> Image:
-    """The highest 8 bits of those that are used: of 16, cameras may use 10 or 12."""
+def _eight_bits(pixels: NDArray[Any], greatest: int | None, warn: Warn) -> Image:
+    """The highest 8 bits of those that are used: of 16, cameras may use 10 or 12. greatest: the
+    value of white, if it is known."""
     if pixels.dtype == np.uint8:
         return np.asarray(pixels, np.uint8)
+    if greatest is not None:
+        return np.asarray(np.minimum(pixels.astype(np.uint32) * 255 // greatest, 255), np.uint8)
     used = int(pixels.max()).bit_length()
     used = 16 if used == 0 else max(used + used % 2, 8)
     if used < 16:

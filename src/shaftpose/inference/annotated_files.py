@@ -25,6 +25,7 @@ from shaftpose.frame_sources.frames import Frame
 from shaftpose.frame_sources.video_files import opencv_takes, stated_length
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.result_stream import UnwritableError, incomplete, naming_unwritable
+from shaftpose.inference.run_record import RunRecord
 
 _LONGEST_GAP_S = 10.0  # between frames of a video, that a drawing keeps
 _JPEG_QUALITY, _LONGEST_NAME = 95, 255  # bytes
@@ -71,11 +72,12 @@ class AnnotatedFiles:
     one whenever the size of its frames changes.
 
     No file is overwritten: a name that exists gets a number. again: sources whose drawings, the
-    last ones of an interrupted run, may be incomplete; these are drawn again.
+    last ones of an interrupted run, may be incomplete; these are drawn again. record: of the run,
+    None if it cannot be resumed.
     """
 
-    def __init__(self, folder: Path, again: Set[str]) -> None:
-        self._folder, self._again = folder, set(again)
+    def __init__(self, folder: Path, again: Set[str], record: RunRecord | None) -> None:
+        self._folder, self._again, self._record = folder, set(again), record
         self._video: AnnotatedVideo | None = None
 
     def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
@@ -114,9 +116,12 @@ class AnnotatedFiles:
         if self._video is None or not self._video.is_continued_by(frame):
             self.close()
             path, last = unused(self._folder, _stem(frame.source), "mp4")
-            if frame.source in self._again and last:
+            record = self._record
+            if frame.source in self._again and record and last and last.name in record.videos:
                 path = last
             self._again.discard(frame.source)
+            if record is not None:
+                record.add_video(path.name)
             self._video = AnnotatedVideo(path, frame)
         return self._video
 
@@ -170,13 +175,15 @@ class AnnotatedVideo:
 
 
 @contextmanager
-def annotated_files(folder: Path, again: Set[str] = frozenset()) -> Iterator[AnnotatedFiles]:
+def annotated_files(
+    folder: Path, again: Set[str] = frozenset(), record: RunRecord | None = None
+) -> Iterator[AnnotatedFiles]:
     """Pictures and videos in a folder, see `AnnotatedFiles`. The last video is finished even if
     prediction fails.
 
     Raises UnwritableError at the end if the last video is not complete.
     """
-    files = AnnotatedFiles(folder, again)
+    files = AnnotatedFiles(folder, again, record)
     try:
         yield files
     finally:

@@ -22,6 +22,7 @@ _TANGENT_STEP = 1e-6
 _WIDEST = 2.75  # of rays in an undistorted picture, whose size grows with it: 70 deg from the axis
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 _AXES = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
+_AROUND = np.vstack([_AXES, np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) / np.sqrt(2)])
 # Of a frame's longer side; a fisheye lens of 180 deg has 0.3.
 _FOCAL_LENGTHS = 0.005, 100.0
 _OBLONGEST = 4.0  # of a pixel's sides
@@ -182,8 +183,10 @@ class Calibration:
         if it never does. Its polynomial is fitted within the image and means nothing far outside.
         """
         radii = np.linspace(0, _WIDEST_TANGENT, 10_001)
-        seen = self._projected(np.column_stack([radii, np.zeros_like(radii)]), np.eye(3))
-        folds = np.flatnonzero(~(np.diff(seen[:, 0]) > 0))  # NaN, too
+        rays = radii[:, None, None] * _AROUND
+        seen = self._projected(rays.reshape(-1, 2), np.eye(3)).reshape(rays.shape)
+        outwards = np.diff((seen * _AROUND).sum(axis=-1), axis=0)
+        folds = np.flatnonzero(~(outwards > 0).all(axis=1))  # NaN, too
         return float(radii[folds[0]]) if folds.size else np.inf
 
     @cached_property
@@ -191,8 +194,8 @@ class Calibration:
         """The distance from the principal point at which the distortion folds back."""
         if np.isinf(self.valid_radius):
             return np.inf
-        fold, centre = self.image_px(np.array([[self.valid_radius, 0.0], [0.0, 0.0]]))
-        return float(np.linalg.norm(fold - centre))
+        *folds, centre = self.image_px(np.vstack([self.valid_radius * _AROUND, np.zeros(2)]))
+        return float(np.linalg.norm(folds - centre, axis=1).min())
 
 
 def _square_border() -> Array:

@@ -25,6 +25,8 @@ _DISTORTIONS = (
 )  # fmt: skip
 # ROS's names -> whether it is OpenCV's fisheye lens.
 _LENSES = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}
+_FISHEYE_FLAGS = "fisheye_model", "fisheye"  # of OpenCV's sample, and of those who follow it
+_YES, _NO = ("1", "true", "yes", "on"), ("0", "false", "no", "off")
 # Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
 _COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
 
@@ -142,14 +144,28 @@ def _no_calibration(path: Path) -> InputError:
 
 
 def _is_fisheye(path: Path, storage: cv2.FileStorage) -> bool:
-    stated, other = storage.getNode("distortion_model"), storage.getNode("xi")
-    model = stated.string() if stated.isString() else ""
-    if not other.empty() or not (stated.empty() or model in _LENSES):
-        raise InputError(
-            f"{path}: distortion_model: {model or 'omnidirectional'} is not supported; calibrate "
-            f"with one of {', '.join(_LENSES)}"
-        )
-    return _LENSES.get(model, False) or storage.getNode("fisheye_model").real() == 1
+    stated = _value(storage, "distortion_model")
+    remedy = f"calibrate with one of {', '.join(_LENSES)}"
+    if not storage.getNode("xi").empty():
+        raise InputError(f"{path}: xi: an omnidirectional lens is not supported; {remedy}")
+    if stated not in ("", *_LENSES):
+        raise InputError(f"{path}: distortion_model: {stated} is not supported; {remedy}")
+    flags = [_value(storage, name) for name in _FISHEYE_FLAGS]
+    for name, flag in zip(_FISHEYE_FLAGS, flags, strict=True):
+        if flag.lower() not in ("", *_YES, *_NO):
+            raise InputError(f"{path}: {name}: {flag}: must be 0 or 1")
+    lens = _LENSES.get(_value(storage, "camera_model"), False)
+    return _LENSES.get(stated, False) or lens or any(flag.lower() in _YES for flag in flags)
+
+
+def _value(storage: cv2.FileStorage, name: str) -> str:
+    """A text or a number as text; "" if it is not there, "a list" for what has parts."""
+    node = storage.getNode(name)
+    if node.isString():
+        return str(node.string())
+    if node.isInt() or node.isReal():
+        return f"{node.real():g}"
+    return "" if node.empty() else "a list"
 
 
 def _size(path: Path, storage: cv2.FileStorage) -> tuple[int, int] | None:

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -13,12 +13,12 @@ from shaftpose.frame_sources.frames import ImageFile, Source
 from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.frame_sources.web_addresses import WebAddress
 from shaftpose.inference.formats import CSV_COLUMNS
-from shaftpose.inference.result_stream import AS_NAMED
+from shaftpose.inference.result_stream import AS_NAMED, hold, naming_unwritable
 from shaftpose.inference.tracker import film_of
 
 
 class Row(NamedTuple):
-    """A line of results: the frame that it belongs to, and where it begins in the file."""
+    """A frame's results, and where they begin in the file."""
 
     source: str
     number: int
@@ -30,17 +30,23 @@ class Row(NamedTuple):
 class Earlier:
     """What need not be predicted again.
 
-    frames: source -> the number of its next frame. again: the sources whose results were dropped,
-    because a part of them may be missing.
+    frames: source -> the number of its next frame, each time that the source was named. again: the
+    sources whose results were dropped, because a part of them may be missing.
     """
 
-    frames: dict[str, int]
+    frames: Mapping[str, Sequence[int]]
     again: frozenset[str] = frozenset()
+
+    @property
+    def count(self) -> int:
+        """The number of frames."""
+        return sum(map(sum, self.frames.values()))
 
     def rest(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are left, of a film with its next frame. Streams begin again."""
+        known = {name: iter(done) for name, done in self.frames.items()}
         for source in sources:
-            done = self.frames.get(source.name, 0)
+            done = next(known.get(source.name, iter(())), 0)
             if done and isinstance(source, VideoFile | WebAddress):
                 yield replace(source, first=done)
             elif not done or not isinstance(source, ImageFile):
@@ -52,19 +58,19 @@ def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
     film if that is tracked or drawn, which needs all frames. Nothing is done if there is no file.
 
     style: `jsonl` or `csv`. tracked: whether shafts are tracked, so that the images of a folder are
-    a film. Raises InputError naming the file if it cannot be read.
+    a film. Raises InputError naming the file if it cannot be read, or another run writes to it.
     """
     if not path.exists():
         return Earlier({})
-    with path.open("rb+") as file:
+    with naming_unwritable(path), path.open("rb+") as file:
+        hold(file, path)
         try:
             rows = list(_READERS[style](file))
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: holds no results of --format {style}; remove it") from error
         kept = _kept(rows, tracked, drawn)
         file.truncate(rows[len(kept)].start if rows else 0)
-    frames = {row.source: row.number + 1 for row in kept}
-    return Earlier(frames, frozenset(row.source for row in rows[len(kept) :]))
+    return Earlier(_next_frames(kept), frozenset(row.source for row in rows[len(kept) :]))
 
 
 def _kept(rows: list[Row], tracked: bool, drawn: bool) -> list[Row]:
@@ -79,6 +85,18 @@ def _kept(rows: list[Row], tracked: bool, drawn: bool) -> list[Row]:
     return rows[: len(rows) - dropped]
 
 
+def _next_frames(rows: Sequence[Row]) -> dict[str, list[int]]:
+    """See `Earlier.frames`: numbers that do not grow begin a source once more."""
+    found: dict[str, list[int]] = {}
+    for row in rows:
+        done = found.setdefault(row.source, [])
+        if done and row.number >= done[-1]:
+            done[-1] = row.number + 1
+        else:
+            done.append(row.number + 1)
+    return found
+
+
 def _json_rows(file: BinaryIO) -> Iterator[Row]:
     """The complete lines."""
     start = 0
@@ -91,8 +109,9 @@ def _json_rows(file: BinaryIO) -> Iterator[Row]:
 
 
 def _csv_rows(file: BinaryIO) -> Iterator[Row]:
-    """The complete rows after the heading; names may hold line feeds."""
-    start = end = 0
+    """The frames of the complete rows after the heading, one row for each shaft; names may hold
+    line feeds."""
+    start, end, last = 0, 0, ("", -1)
 
     def lines() -> Iterator[str]:
         nonlocal end
@@ -105,8 +124,10 @@ def _csv_rows(file: BinaryIO) -> Iterator[Row]:
         if len(found) < len(CSV_COLUMNS):  # the last name was cut
             return
         if start:
-            name = found[0].removeprefix("./")  # which no `Path` begins with
-            yield Row(name, int(found[1]), float(found[2]) if found[2] else None, start)
+            name, number = found[0].removeprefix("./"), int(found[1])  # no `Path` begins with ./
+            if (name, number) != last:
+                yield Row(name, number, float(found[2]) if found[2] else None, start)
+            last = name, number
         start = end
 
 

@@ -34,7 +34,8 @@ def sources(
     for name in names:
         if name == "-":
             for line in lines:
-                if written := line.rstrip("\r\n"):
+                # A list that was written on Windows may begin with a byte order mark.
+                if written := line.rstrip("\r\n").removeprefix("\ufeff"):
                     yield from _named(written, span, warn)
         else:
             yield from _named(name, span, warn)
@@ -52,6 +53,8 @@ def _named(name: str, span: Span, warn: Warn) -> Iterable[Source]:
         return [WebAddress(name, span) if on_web else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
+        if span != Span():
+            warn(f"{name}: --start, --end, --every: for films alone; all of its images are used")
         return images_of(path, warn)
     return [file_source(path, span)]
 

@@ -1,12 +1,13 @@
 """Results as text, and the errors of outputs that cannot be written."""
 
+import fcntl
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TextIO
+from typing import IO, Any, TextIO
 
 from shaftpose.core.errors import InputError, printable
 from shaftpose.frame_sources.frames import FrameId
@@ -39,6 +40,18 @@ def naming_unwritable(path: object) -> Iterator[None]:
             f"{path}: cannot be written ({error.strerror}); name another folder by --out, on a "
             "disk with room; earlier results are kept"
         ) from error
+
+
+def hold(file: IO[Any], path: object) -> None:
+    """Hold a file until it is closed. Raises UnwritableError naming it if another run holds it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise UnwritableError(
+            f"{path}: another run is writing to this file; wait for it to end"
+        ) from error
+    except OSError:  # a disk without locks
+        return
 
 
 AS_NAMED = "surrogateescape"  # file names may be bytes that are not UTF-8
@@ -76,7 +89,7 @@ def result_stream(
     """Open a new file `predictions` in a folder, or standard output if that is None.
 
     resumed: whether an earlier file is continued. Raises UnwritableError naming the file if it
-    exists already or cannot be created.
+    exists already, cannot be created, or another run writes to it.
     """
     if folder is None:
         if sys.stdout is None:
@@ -91,6 +104,7 @@ def result_stream(
         folder.mkdir(parents=True, exist_ok=True)
         stream = path.open("a" if resumed else "x", encoding="utf-8", errors=AS_NAMED)
     try:
+        hold(stream, path)
         yield ResultStream(stream, str(path), style, path.stat().st_size > 0)
     finally:
         with suppress(OSError):  # the last write has named it

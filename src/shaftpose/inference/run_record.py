@@ -1,0 +1,68 @@
+"""What `--resume` must know of a run: its options, and which videos it has drawn itself."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.files import write_json
+from shaftpose.inference.result_stream import naming_unwritable
+from shaftpose.stage_files import read_stage_file
+
+_REMEDY = "name another folder by --out, or remove the results"
+
+
+@dataclass(frozen=True)
+class _Content:
+    """options: those that decide results, by name. videos: names of drawn videos."""
+
+    options: dict[str, str]
+    videos: tuple[str, ...] = ()
+
+
+class RunRecord:
+    """The record of a run, a file beside its results."""
+
+    def __init__(self, path: Path, content: _Content) -> None:
+        self._path, self._content = path, content
+
+    @property
+    def videos(self) -> tuple[str, ...]:
+        """The names of the videos that the run has drawn so far."""
+        return self._content.videos
+
+    def add_video(self, name: str) -> None:
+        """Note a video before it is drawn. Raises UnwritableError naming the record."""
+        if name not in self.videos:
+            self._content = _Content(self._content.options, (*self.videos, name))
+            self.write()
+
+    def write(self) -> None:
+        """Write the file. Raises UnwritableError naming it."""
+        with naming_unwritable(self._path):
+            write_json(self._path, asdict(self._content))
+
+
+def run_record(results: Path, options: Mapping[str, str], resumed: bool) -> RunRecord:
+    """The record of a run that writes to `results`, of one that is resumed the earlier one.
+
+    Raises InputError naming the results if they have no record, or if an option was another one
+    when they were begun.
+    """
+    path = results.with_name(f"{results.name}.options")
+    record = RunRecord(path, _Content(dict(options)))
+    if not os.path.lexists(results):
+        record.write()
+    elif resumed:
+        if not path.is_file():
+            raise InputError(f"{results}: {path.name}, which tells its options, is gone; {_REMEDY}")
+        known = read_stage_file(path, _Content, _REMEDY)
+        for name, value in options.items():
+            if known.options.get(name) != value:
+                raise InputError(
+                    f"{results}: was begun with {name} {known.options.get(name)}, not {value}; "
+                    f"resume it with the same options, or {_REMEDY}"
+                )
+        record = RunRecord(path, known)
+    return record
