@@ -80,7 +80,7 @@ def test_results_are_those_of_one_process_and_a_bad_image_is_named(
             main(["predict", str(images), "--model", str(model), "--out", str(out),
                   "--format", style, *extra])  # fmt: skip
         said.append(capsys.readouterr().err)
-        (file,) = out.iterdir()
+        (file,) = (path for path in out.iterdir() if path.suffix != ".options")
         written.append(file.read_bytes())
     assert written[0] == written[1]
     assert f"error: {bad}: " in said[0]

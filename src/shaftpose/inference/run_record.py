@@ -6,9 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.files import write_json
+from shaftpose.core.files import read_json, write_json
 from shaftpose.inference.result_stream import naming_unwritable
-from shaftpose.stage_files import read_stage_file
 
 _REMEDY = "name another folder by --out, or remove the results"
 
@@ -57,7 +56,7 @@ def run_record(results: Path, options: Mapping[str, str], resumed: bool) -> RunR
     elif resumed:
         if not path.is_file():
             raise InputError(f"{results}: {path.name}, which tells its options, is gone; {_REMEDY}")
-        known = read_stage_file(path, _Content, _REMEDY)
+        known = _read(path)
         for name, value in options.items():
             if known.options.get(name) != value:
                 raise InputError(
@@ -66,3 +65,14 @@ def run_record(results: Path, options: Mapping[str, str], resumed: bool) -> RunR
                 )
         record = RunRecord(path, known)
     return record
+
+
+def _read(path: Path) -> _Content:
+    """Raises InputError naming the file if it is damaged."""
+    try:
+        found = read_json(path, _REMEDY)
+        return _Content(dict(found["options"]), tuple(map(str, found["videos"])))
+    except (TypeError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: damaged; {_REMEDY}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {_REMEDY}") from error
