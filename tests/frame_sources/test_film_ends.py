@@ -74,6 +74,17 @@ def test_a_wmv_film_states_its_size(tmp_path: Path) -> None:
         data = header + properties + stated.to_bytes(8, "little")
         path.write_bytes(data.ljust(200, b"\0"))
         assert is_cut(path) == cut
+    live = data.ljust(30 + 88, b"\0") + b"\1"  # of a live recording, the size means nothing
+    path.write_bytes(live.ljust(200, b"\0"))
+    assert not is_cut(path)
+
+
+def test_an_avi_may_count_its_head(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.avi", [40, 80])
+    data = path.read_bytes()
+    length = int.from_bytes(data[4:8], "little")
+    path.write_bytes(data[:4] + (length + 8).to_bytes(4, "little") + data[8:])
+    assert not is_cut(path)
 
 
 def test_the_videos_in_a_film_are_counted(film: Path) -> None:

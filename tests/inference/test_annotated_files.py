@@ -99,6 +99,15 @@ def test_each_image_gets_a_picture_of_its_own(tmp_path: Path) -> None:
     assert picture.shape == (300, 400, 3) and np.ptp(picture) > 100
 
 
+def test_a_video_is_complete_before_the_next_results_are_written(tmp_path: Path) -> None:
+    with annotated_files(tmp_path) as files:
+        for number in range(3):
+            files.end_before(film_frame("clip.avi", number, grey(40)), [])
+            files.add(film_frame("clip.avi", number, grey(40)), [])
+        files.end_before(Frame("photo.png", 0, grey(90)), [])
+        assert len(read_greys(tmp_path / "clip.mp4")) == 3
+
+
 def test_videos_are_written_one_after_the_other(tmp_path: Path) -> None:
     with annotated_files(tmp_path) as files:
         for source, values in (("x/clip.avi", (40, 120, 200)), ("y/clip.avi", (90,)),

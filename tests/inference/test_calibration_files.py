@@ -226,7 +226,9 @@ def test_opencvs_fisheye_lens_is_read(path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "fisheye"),
     [("fisheye_model: true", True), ("fisheye_model: Yes", True), ('fisheye_model: "1"', True),
-     ("fisheye_model: 1.0", True), ("fisheye: 1", True), ("camera_model: fisheye", True),
+     ("fisheye_model: 1.0", True), ("fisheye: 1", True), ("camera_model: Fisheye", True),
+     ("is_fisheye: 1", True), ("lens_model: KANNALA_BRANDT", True), ("camera_name: fisheye", False),
+     ("distortion_type: equidistant", True), ("distortion_model: Fisheye", True),
      ("fisheye_model: false", False), ("fisheye: no", False), ("camera_model: pinhole", False)],
 )  # fmt: skip
 def test_a_fisheye_lens_is_known_in_other_words(line: str, fisheye: bool, path: Path) -> None:

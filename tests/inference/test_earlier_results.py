@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.frame_sources.frames import Frame, ImageFile
 from shaftpose.frame_sources.live_streams import LiveStream
@@ -86,6 +87,15 @@ def test_a_source_that_is_named_twice_is_done_twice(tmp_path: Path) -> None:
     film, image = VideoFile(Path("film.mp4")), ImageFile(Path("f/a.png"))
     left = list(earlier.rest([film, image, image, film, image]))
     assert left == [replace(film, first=3), replace(film, first=1), image]
+
+
+def test_a_table_of_another_form_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "predictions.csv"
+    path.write_text("scene_id,im_id,obj_id,score,R,t,time\n0,1,1,0.9,1 0,1 2,-1\n")
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=f"^{path}: holds no results of --format csv; remove it"):
+        continued(path, "csv", tracked=False, drawn=False)
+    assert path.read_bytes() == before
 
 
 def test_results_that_another_run_writes_are_left_alone(tmp_path: Path) -> None:

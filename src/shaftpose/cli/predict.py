@@ -3,6 +3,7 @@
 import argparse
 import hashlib
 import os
+import shlex
 import sys
 from collections.abc import Iterable
 from contextlib import AbstractContextManager, ExitStack
@@ -33,7 +34,7 @@ from shaftpose.inference.tracker import ShaftTracker
 # Options that decide results and drawings, besides the files that others name.
 _DECISIVE = (
     "view_deg", "diameter_mm", "crop", "score", "refine", "backend", "start", "end", "every",
-    "track", "draw",
+    "track", "draw", "format",
 )  # fmt: skip
 
 
@@ -46,11 +47,6 @@ def run(options: argparse.Namespace) -> None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     if options.rerun and options.out is None:
         raise InputError("--rerun: needs a folder for the recording; name one by --out")
-    if options.draw and any(map(partial(_is_folder, options.out), options.sources)):
-        raise InputError(
-            f"--out {options.out}: holds the images to predict, which drawings must not join; name "
-            "another folder"
-        )
     if options.start >= options.end:
         raise InputError(f"--start {options.start:g} s is not before --end {options.end:g} s")
     if options.resume and (options.out is None or options.rerun or options.format == "bop"):
@@ -60,11 +56,6 @@ def run(options: argparse.Namespace) -> None:
         print(f"results are in {options.out}")
     if failed:
         raise InputError(f"sources that failed, see above: {failed}")
-
-
-def _is_folder(folder: Path, name: str) -> bool:
-    """Whether a source is this folder."""
-    return os.path.isdir(name) and os.path.isdir(folder) and os.path.samefile(name, folder)
 
 
 def _predict_alone(options: argparse.Namespace) -> int:
@@ -137,7 +128,7 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
 
 
 def _record(options: argparse.Namespace) -> RunRecord | None:
-    """The record of a run in a folder: the options that decide its results, files by content."""
+    """The record of a run in a folder: what decides its results, files by their content."""
     if options.out is None:
         return None
     with model_file(options.model) as model:
@@ -145,6 +136,9 @@ def _record(options: argparse.Namespace) -> RunRecord | None:
     decisive["--camera"] = "" if options.camera is None else _digest(options.camera)
     for name in _DECISIVE:
         decisive[f"--{name.replace('_', '-')}"] = str(getattr(options, name))
+    decisive["the sources"] = shlex.join(options.sources)
+    if not all(os.path.isabs(name) or "://" in name for name in options.sources):
+        decisive["the working directory"] = os.getcwd()
     results = results_file(options.out, format_of_run(options.format))
     return run_record(results, decisive, options.resume)
 
@@ -183,7 +177,8 @@ def named_sources(options: argparse.Namespace) -> Iterable[Source]:
     names, span = options.sources, Span(options.start, options.end, options.every)
     if "-" in names and isinstance(sys.stdin, TextIOWrapper):
         sys.stdin.reconfigure(errors="surrogateescape")  # as in the words of the command line
-    found = sources(names, sys.stdin or (), span, warn)
+    drawings = options.out if options.draw else None
+    found = sources(names, sys.stdin or (), span, warn, drawings)
     return found if "-" in names else list(found)
 
 

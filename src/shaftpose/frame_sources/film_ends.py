@@ -17,6 +17,7 @@ _SYNC = 0x47
 _ASF_HEADER, _MATROSKA_HEADER, _MP4_HEADER = 1 << 16, 1 << 20, 1 << 26
 _TRACKS, _MATROSKA_VIDEO = b"\x16\x54\xae\x6b", b"\x83\x81\x01"
 _VIDEO_TRACK = re.compile(rb"hdlr\0{4}(?:\0{4}|mhlr)vide", re.DOTALL)
+_RIFF_HEAD = 8  # bytes, which some recorders count, too; the last byte may be spare
 _MOST_BOXES = 1_000_000  # a film has two for each second at most
 
 
@@ -42,7 +43,7 @@ def is_cut(path: Path) -> bool:
         if head[4:8] in _BOXES:
             return any(end > size for end in _box_ends(file, size))
         if head[:4] == b"RIFF":
-            return any(end > size + 1 for end in _riff_ends(file, size))  # a last byte may be spare
+            return any(end - size > 1 for end in _riff_ends(file, size) if end - size != _RIFF_HEAD)
         if head[:4] == _EBML:
             return _segment_end(file) > size
         if head[:8] == _ASF:
@@ -134,11 +135,11 @@ def _segment_end(file: BinaryIO) -> int:
 
 
 def _asf_size(file: BinaryIO) -> int:
-    """The size that a WMV file states, 0 if it states none."""
+    """The size that a WMV file states; 0 if it states none, as one that was written live."""
     file.seek(0)
-    header = file.read(_ASF_HEADER)
-    place = header.find(_ASF_FILE)
-    return int.from_bytes(header[place + 40 : place + 48], "little") if place > 0 else 0
+    _, found, properties = file.read(_ASF_HEADER).partition(_ASF_FILE)
+    live = not found or (properties[72:73] or b"\1")[0] & 1
+    return 0 if live else int.from_bytes(properties[24:32], "little")
 
 
 def _ebml_size(file: BinaryIO) -> tuple[int, bool]:

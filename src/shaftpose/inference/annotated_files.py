@@ -80,6 +80,15 @@ class AnnotatedFiles:
         self._folder, self._again, self._record = folder, set(again), record
         self._video: AnnotatedVideo | None = None
 
+    def end_before(self, frame: Frame, _: Sequence[FoundShaft]) -> None:
+        """Finish the video that a frame does not continue, before the frame's results are written:
+        these show an interrupted run that the video is complete.
+
+        Raises UnwritableError naming the video if it is not.
+        """
+        if self._video is not None and not self._video.is_continued_by(frame):
+            self.close()
+
     def add(self, frame: Frame, shafts: Sequence[FoundShaft]) -> None:
         """Draw a frame.
 
@@ -112,16 +121,17 @@ class AnnotatedFiles:
             path.write_bytes(data)
 
     def _video_of(self, frame: Frame) -> "AnnotatedVideo":
-        """The video that a frame continues, or a new one."""
+        """The video that a frame continues, or a new one; of a film that is drawn again, the one
+        that was drawn before."""
         if self._video is None or not self._video.is_continued_by(frame):
             self.close()
-            path, last = unused(self._folder, _stem(frame.source), "mp4")
-            record = self._record
-            if frame.source in self._again and record and last and last.name in record.videos:
-                path = last
+            path, _ = unused(self._folder, _stem(frame.source), "mp4")
+            if self._record is not None:
+                again = frame.source in self._again
+                drawn = [n for n, source in self._record.videos if again and source == frame.source]
+                path = self._folder / drawn[-1] if drawn else path
+                self._record.add_video(path.name, frame.source)
             self._again.discard(frame.source)
-            if record is not None:
-                record.add_video(path.name)
             self._video = AnnotatedVideo(path, frame)
         return self._video
 

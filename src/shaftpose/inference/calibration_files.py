@@ -25,7 +25,9 @@ _DISTORTIONS = (
 )  # fmt: skip
 # ROS's names -> whether it is OpenCV's fisheye lens.
 _LENSES = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True, "fisheye": True}
-_FISHEYE_FLAGS = "fisheye_model", "fisheye"  # of OpenCV's sample, and of those who follow it
+_MODEL = "distortion_model"
+_FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
+_KIND = re.compile("model|type|lens|projection", re.IGNORECASE)  # of entries that name a lens
 _YES, _NO = ("1", "true", "yes", "on"), ("0", "false", "no", "off")
 # Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
 _COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
@@ -144,18 +146,23 @@ def _no_calibration(path: Path) -> InputError:
 
 
 def _is_fisheye(path: Path, storage: cv2.FileStorage) -> bool:
-    stated = _value(storage, "distortion_model")
+    """Whether any entry tells of a fisheye lens: programs have several words for it."""
+    stated = _value(storage, _MODEL).lower()
     remedy = f"calibrate with one of {', '.join(_LENSES)}"
     if not storage.getNode("xi").empty():
         raise InputError(f"{path}: xi: an omnidirectional lens is not supported; {remedy}")
     if stated not in ("", *_LENSES):
-        raise InputError(f"{path}: distortion_model: {stated} is not supported; {remedy}")
-    flags = [_value(storage, name) for name in _FISHEYE_FLAGS]
-    for name, flag in zip(_FISHEYE_FLAGS, flags, strict=True):
-        if flag.lower() not in ("", *_YES, *_NO):
-            raise InputError(f"{path}: {name}: {flag}: must be 0 or 1")
-    lens = _LENSES.get(_value(storage, "camera_model"), False)
-    return _LENSES.get(stated, False) or lens or any(flag.lower() in _YES for flag in flags)
+        raise InputError(f"{path}: {_MODEL}: {stated} is not supported; {remedy}")
+    found = _LENSES.get(stated, False)
+    for name in list(storage.root().keys()):
+        value = _value(storage, name).lower()
+        if _FISHEYE.search(name):
+            if value not in (*_YES, *_NO):
+                raise InputError(f"{path}: {name}: {value}: must be 0 or 1")
+            found = found or value in _YES
+        elif _KIND.search(name):
+            found = found or bool(_FISHEYE.search(value))
+    return found
 
 
 def _value(storage: cv2.FileStorage, name: str) -> str:

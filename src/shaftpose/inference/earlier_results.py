@@ -121,6 +121,8 @@ def _csv_rows(file: BinaryIO) -> Iterator[Row]:
                 yield line.decode(errors=AS_NAMED)
 
     for found in csv.reader(lines()):
+        if start == 0 and found != list(CSV_COLUMNS):
+            raise ValueError("another heading")
         if len(found) < len(CSV_COLUMNS):  # the last name was cut
             return
         if start:

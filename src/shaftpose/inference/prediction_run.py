@@ -27,21 +27,26 @@ F_co = TypeVar("F_co", bound=FrameId, covariant=True)
 
 
 def sources(
-    names: Iterable[str], lines: Iterable[str], span: Span, warn: Warn = _log.warning
+    names: Iterable[str],
+    lines: Iterable[str],
+    span: Span,
+    warn: Warn = _log.warning,
+    drawings: Path | None = None,
 ) -> Iterator[Source]:
     """The sources with these names, in order; `-` stands for the names on `lines`, which are read
-    one at a time. span: the part of films that is wanted. warn: is told of films in folders."""
+    one at a time. span: the part of films that is wanted. warn: is told of films in folders.
+    drawings: their folder. Raises InputError if it is a source: they would be taken for images."""
     for name in names:
         if name == "-":
             for line in lines:
                 # A list that was written on Windows may begin with a byte order mark.
                 if written := line.rstrip("\r\n").removeprefix("\ufeff"):
-                    yield from _named(written, span, warn)
+                    yield from _named(written, span, warn, drawings)
         else:
-            yield from _named(name, span, warn)
+            yield from _named(name, span, warn, drawings)
 
 
-def _named(name: str, span: Span, warn: Warn) -> Iterable[Source]:
+def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable[Source]:
     """A whole number is a camera, a name with `://` an address; all others are paths."""
     if name.isdecimal():
         return [LiveStream(int(name))]
@@ -53,6 +58,11 @@ def _named(name: str, span: Span, warn: Warn) -> Iterable[Source]:
         return [WebAddress(name, span) if on_web else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
+        if drawings is not None and os.path.isdir(drawings) and os.path.samefile(name, drawings):
+            raise InputError(
+                f"--out {drawings}: holds the images to predict, which drawings must not join; "
+                "name another folder"
+            )
         if span != Span():
             warn(f"{name}: --start, --end, --every: for films alone; all of its images are used")
         return images_of(path, warn)
@@ -116,7 +126,8 @@ def outputs(
     with ExitStack() as stack:
         parts: list[Write] = [stack.enter_context(result_stream(folder, style, resumed)).add]
         if drawings is not None:
-            parts.append(stack.enter_context(drawings).add)
+            files = stack.enter_context(drawings)
+            parts = [files.end_before, *parts, files.add]
         if recording is not None:
             parts.append(stack.enter_context(recording))
 

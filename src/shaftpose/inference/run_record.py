@@ -14,10 +14,10 @@ _REMEDY = "name another folder by --out, or remove the results"
 
 @dataclass(frozen=True)
 class _Content:
-    """options: those that decide results, by name. videos: names of drawn videos."""
+    """options: what decides results, by name. videos: names of drawings, each with its source."""
 
     options: dict[str, str]
-    videos: tuple[str, ...] = ()
+    videos: tuple[tuple[str, str], ...] = ()
 
 
 class RunRecord:
@@ -27,14 +27,14 @@ class RunRecord:
         self._path, self._content = path, content
 
     @property
-    def videos(self) -> tuple[str, ...]:
-        """The names of the videos that the run has drawn so far."""
+    def videos(self) -> tuple[tuple[str, str], ...]:
+        """The names of the videos that the run has drawn so far, each with its source."""
         return self._content.videos
 
-    def add_video(self, name: str) -> None:
+    def add_video(self, name: str, source: str) -> None:
         """Note a video before it is drawn. Raises UnwritableError naming the record."""
-        if name not in self.videos:
-            self._content = _Content(self._content.options, (*self.videos, name))
+        if (name, source) not in self.videos:
+            self._content = _Content(self._content.options, (*self.videos, (name, source)))
             self.write()
 
     def write(self) -> None:
@@ -71,7 +71,8 @@ def _read(path: Path) -> _Content:
     """Raises InputError naming the file if it is damaged."""
     try:
         found = read_json(path, _REMEDY)
-        return _Content(dict(found["options"]), tuple(map(str, found["videos"])))
+        videos = tuple((str(name), str(source)) for name, source in found["videos"])
+        return _Content(dict(found["options"]), videos)
     except (TypeError, KeyError, ValueError) as error:
         raise InputError(f"{path}: damaged; {_REMEDY}") from error
     except OSError as error:
