@@ -105,7 +105,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="folder for results (default: standard output)")
     parser.add_argument(
         "--resume", action="store_true",
-        help="continue an interrupted run, with the same sources and options: skip what the results "
+        help="continue an interrupted run with the same sources and options: skip what the results "
         "in --out hold",
     )  # fmt: skip
     parser.add_argument("--draw", action="store_true", help="also draw the frames, into --out")
