@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class OptunaSearch(Sweeper):
-    """Trains the jobs that Optuna asks for, and tells it their last validation.
+    """Trains the jobs that Optuna asks for, and tells it how their results were validated.
 
     trials: the number of jobs; at_once: jobs that it asks for together, as the launcher runs them.
     The same results lead to the same questions: a search that is started again skips its finished

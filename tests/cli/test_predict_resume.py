@@ -117,7 +117,7 @@ def test_a_run_goes_on_with_its_own_options_alone(
 ) -> None:
     whole = run("--score", "0.3")
     path = tmp_path / "out" / "predictions.jsonl"
-    said = f"^error: {path}: was begun with --score 0.3, not 0.8; resume it with the same options"
+    said = f"^error: {path}: was begun with --score 0.3, not 0.8; give the same again, or name"
     with pytest.raises(SystemExit, match=said):
         run("--resume", "--score", "0.8")
     inputs.reverse()
@@ -125,7 +125,9 @@ def test_a_run_goes_on_with_its_own_options_alone(
         run("--resume", "--score", "0.3")
     inputs.reverse()
     (tmp_path / "out/predictions.jsonl.options").unlink()
-    with pytest.raises(SystemExit, match="which tells its options, is gone; name another folder"):
+    with pytest.raises(
+        SystemExit, match="which tells its options, is missing; name another folder"
+    ):
         run("--resume", "--score", "0.3")
     assert path.read_bytes() == whole["predictions.jsonl"]
 
@@ -138,7 +140,7 @@ def test_a_film_beside_its_drawing_is_never_overwritten(model: Path, tmp_path: P
     before = film.read_bytes()
     main(arguments)
     drawn = (tmp_path / "clip-2.mp4").read_bytes()
-    (tmp_path / "clip-2.mp4").unlink()  # a killed run leaves it without its end
+    (tmp_path / "clip-2.mp4").write_bytes(drawn[:999])  # a killed run leaves it without its end
     main(arguments)
     assert film.read_bytes() == before
     assert (tmp_path / "clip-2.mp4").read_bytes() == drawn
@@ -146,9 +148,24 @@ def test_a_film_beside_its_drawing_is_never_overwritten(model: Path, tmp_path: P
 
 def test_drawings_do_not_join_the_images(run: Run, inputs: list[str], model: Path) -> None:
     folder, model = inputs[0], str(model)
-    with pytest.raises(SystemExit, match="holds the images to predict, which drawings must not"):
+    with pytest.raises(
+        SystemExit, match="holds the images to predict, and would hold drawings, too"
+    ):
         main(["predict", folder, "--model", model, "--out", folder, "--draw"])
     assert len(list(Path(folder).iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "said"),
+    [("0", [], "0 is live and cannot be continued"),
+     ("rtsp://host/live", ["--draw"], "rtsp://host/live is live and cannot be continued"),
+     ("a.png", ["--draw", "--format", "csv"], "with --draw, needs --format jsonl")],
+)  # fmt: skip
+def test_what_nobody_can_continue_is_refused(
+    source: str, options: list[str], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SystemExit, match=f"^error: --resume: {said}"):
+        main(["predict", source, "--resume", "--out", str(tmp_path / "x"), *options])
 
 
 @pytest.mark.parametrize("options", [["--resume"], ["--resume", "--out", "x", "--format", "bop"]])
@@ -166,7 +183,9 @@ def test_a_signal_leaves_whole_files(sent: int, model: Path, tmp_path: Path) -> 
         stderr=subprocess.PIPE, text=True,
     ) as running:  # fmt: skip
         end = time.monotonic() + PATIENCE_S
-        while not (out / "clip.mp4").exists() or not (out / "predictions.jsonl").read_bytes():
+        results = out / "predictions.jsonl"
+        # A frame is drawn after its result is written: after the third one, there are two.
+        while not results.exists() or results.read_bytes().count(b"\n") < 3:
             assert time.monotonic() < end
             time.sleep(0.05)
         running.send_signal(sent)

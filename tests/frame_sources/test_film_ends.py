@@ -98,3 +98,19 @@ def test_the_videos_in_a_film_are_counted(film: Path) -> None:
         moov = box(b"moov", data[start + 8 : end] + track)
         film.write_bytes(data[:start] + moov + data[end:])
         assert video_tracks(film) == 2
+
+
+def test_videos_of_matroska_are_counted_where_they_are_described(tmp_path: Path) -> None:
+    """The index before the tracks names them, too."""
+
+    def element(name: str, content: bytes) -> bytes:
+        return bytes.fromhex(name) + (0x4000 + len(content)).to_bytes(2, "big") + content
+
+    index = element("114d9b74", element("4dbb", element("53ab", bytes.fromhex("1654ae6b"))))
+    tracks = element(
+        "1654ae6b", 2 * element("ae", b"\x83\x81\x01") + element("ae", b"\x83\x81\x02")
+    )
+    content = index + element("ec", bytes(6000)) + tracks
+    path = tmp_path / "clip.mkv"
+    path.write_bytes(element("1a45dfa3", bytes(9)) + element("18538067", content))
+    assert video_tracks(path) == 2

@@ -60,7 +60,7 @@ def test_brightness_that_opencv_misreads_is_refused(tmp_path: Path) -> None:
     assert "white as 0" in complaint(tmp_path, white_is_zero(encoded(".tiff", sixteen)))
     assert "at most 100" in complaint(tmp_path, dark)
     assert "red and blue" in complaint(tmp_path, encoded(".pam", IMAGE))
-    assert "each colour by itself" in complaint(tmp_path, planes_apart(IMAGE.astype(np.uint16)))
+    assert "separate planes" in complaint(tmp_path, planes_apart(IMAGE.astype(np.uint16)))
 
 
 def planes_apart(image: NDArray[np.uint16]) -> bytes:

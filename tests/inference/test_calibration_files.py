@@ -238,8 +238,8 @@ def test_a_fisheye_lens_is_known_in_other_words(line: str, fisheye: bool, path: 
 
 @pytest.mark.parametrize(
     ("line", "complaint"),
-    [("fisheye_model: 2", "fisheye_model: 2: must be 0 or 1"),
-     ("fisheye: perhaps", "fisheye: perhaps: must be 0 or 1"),
+    [("fisheye_model: 2", "fisheye_model: 2: must be 1 or 0"),
+     ("fisheye: perhaps", "fisheye: perhaps: must be 1 or 0"),
      ("distortion_model: 1", "distortion_model: 1 is not supported"),
      ("distortion_model: [1]", "distortion_model: a list is not supported"),
      ("xi: 1.2", "xi: an omnidirectional lens is not supported")],

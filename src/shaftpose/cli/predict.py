@@ -25,13 +25,13 @@ from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.image_chunks import predicted_images
 from shaftpose.inference.loading import FinderOptions
 from shaftpose.inference.model_files import REGISTRY, model_file
-from shaftpose.inference.prediction_run import Write, for_each_frame, outputs, sources
+from shaftpose.inference.prediction_run import Write, for_each_frame, is_live, outputs, sources
 from shaftpose.inference.result_stream import result_stream, results_file
 from shaftpose.inference.run_record import RunRecord, run_record
 from shaftpose.inference.shaft_finder import ShaftFinder
 from shaftpose.inference.tracker import ShaftTracker
 
-# Options that decide results and drawings, besides the files that others name.
+# Options that must be the same when a run is resumed; of --model and --camera, the files must.
 _DECISIVE = (
     "view_deg", "diameter_mm", "crop", "score", "refine", "backend", "start", "end", "every",
     "track", "draw", "format",
@@ -51,6 +51,13 @@ def run(options: argparse.Namespace) -> None:
         raise InputError(f"--start {options.start:g} s is not before --end {options.end:g} s")
     if options.resume and (options.out is None or options.rerun or options.format == "bop"):
         raise InputError("--resume: needs --out, and continues no --rerun and no --format bop")
+    if options.resume and options.draw and options.format == "csv":
+        raise InputError(
+            "--resume: with --draw, needs --format jsonl: a table has no row of a frame without "
+            "shafts, so that nobody can tell whether it was drawn"
+        )
+    if options.resume and (live := [name for name in options.sources if is_live(name)]):
+        raise InputError(f"--resume: {live[0]} is live and cannot be continued; leave out --resume")
     failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
     if options.out is not None:
         print(f"results are in {options.out}")
@@ -133,7 +140,7 @@ def _record(options: argparse.Namespace) -> RunRecord | None:
         return None
     with model_file(options.model) as model:
         decisive = {"--model": _digest(model)}
-    decisive["--camera"] = "" if options.camera is None else _digest(options.camera)
+    decisive["--camera"] = str(options.camera and _digest(options.camera))
     for name in _DECISIVE:
         decisive[f"--{name.replace('_', '-')}"] = str(getattr(options, name))
     decisive["the sources"] = shlex.join(options.sources)
@@ -146,7 +153,7 @@ def _record(options: argparse.Namespace) -> RunRecord | None:
 def _digest(path: Path) -> str:
     """The beginning of a file's SHA-256. Raises InputError naming the file if it is missing."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 

@@ -56,6 +56,6 @@ class DecodedFrames:
 
     def _unreadable(self, reason: str) -> InputError:
         return InputError(
-            f"{self._name}: {reason}; if it is interlaced, install opencv-python-headless 4.12, or "
-            "convert it, as by ffmpeg -i OLD -vf yadif -pix_fmt yuv420p NEW, also if it has 10 bits"
+            f"{self._name}: {reason}; if it is interlaced, install opencv-python-headless 4.12; "
+            "or, also if it has 10 bits, convert it: ffmpeg -i OLD -vf yadif -pix_fmt yuv420p NEW"
         )

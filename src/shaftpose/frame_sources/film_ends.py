@@ -1,8 +1,8 @@
-"""Whether a video file was cut short, as containers tell by the sizes that they state."""
+"""What containers of videos state: their size, which tells whether a file was cut short, their
+length, and their videos."""
 
 import re
 from collections.abc import Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,7 +17,7 @@ _SYNC = 0x47
 _ASF_HEADER, _MATROSKA_HEADER, _MP4_HEADER = 1 << 16, 1 << 20, 1 << 26
 _TRACKS, _MATROSKA_VIDEO = b"\x16\x54\xae\x6b", b"\x83\x81\x01"
 _VIDEO_TRACK = re.compile(rb"hdlr\0{4}(?:\0{4}|mhlr)vide", re.DOTALL)
-_RIFF_HEAD = 8  # bytes, which some recorders count, too; the last byte may be spare
+_RIFF_HEAD = 8  # bytes, which some recorders include in the stated size; a last byte may be spare
 _MOST_BOXES = 1_000_000  # a film has two for each second at most
 
 
@@ -59,9 +59,7 @@ def video_tracks(path: Path) -> int:
     Matroska and WebM."""
     with path.open("rb") as file:
         if file.read(4) == _EBML:
-            _, found, tracks = file.read(_MATROSKA_HEADER).partition(_TRACKS)
-            size, _ = _ebml_size(BytesIO(tracks)) if found else (0, False)
-            return max(tracks[: size + 8].count(_MATROSKA_VIDEO), 1)
+            return max(_tracks(file).count(_MATROSKA_VIDEO), 1)
         start = 0
         for end in _box_ends(file, path.stat().st_size):
             file.seek(start)
@@ -140,6 +138,24 @@ def _asf_size(file: BinaryIO) -> int:
     _, found, properties = file.read(_ASF_HEADER).partition(_ASF_FILE)
     live = not found or (properties[72:73] or b"\1")[0] & 1
     return 0 if live else int.from_bytes(properties[24:32], "little")
+
+
+def _tracks(file: BinaryIO) -> bytes:
+    """The description of a Matroska file's tracks; empty if it is damaged or far behind."""
+    file.seek(4)
+    file.seek(_ebml_size(file)[0], 1)
+    file.read(4)  # the segment
+    _ebml_size(file)
+    for _ in range(_MOST_BOXES):
+        first = file.read(1)
+        name = first + file.read(8 - first[0].bit_length() if first else 0)
+        length, known = _ebml_size(file)
+        if name == _TRACKS:
+            return file.read(min(length, _MATROSKA_HEADER))
+        if not known or not first:
+            break
+        file.seek(length, 1)
+    return b""
 
 
 def _ebml_size(file: BinaryIO) -> tuple[int, bool]:

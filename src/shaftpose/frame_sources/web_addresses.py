@@ -46,6 +46,8 @@ class WebAddress:
                 path = Path(folder) / f"file{Path(urlsplit(self.name).path).suffix}"
                 self._download(response, path)
                 source = file_source(path, self.span, self.first)
+                if self.first and isinstance(source, ImageFile):
+                    return
             try:
                 for frame in source.frames(warn):
                     yield replace(frame, source=self.name)

@@ -40,7 +40,7 @@ def misread(data: bytes) -> str:
             return "stores white as 0, which OpenCV ignores beyond 8 bits"
         apart = tiff.first(_PLANES, 1) == _APART and tiff.first(_SAMPLES, 1) > 1
         if apart and tiff.first(_BITS, 1) > 8:
-            return "stores each colour by itself, which OpenCV ignores beyond 8 bits"
+            return "stores its colours in separate planes, which OpenCV misreads beyond 8 bits"
     if _BITMAP_WITH_MASKS.match(data) and data[54:66] != _BLUE_FIRST:
         return "states an order of colours that OpenCV ignores"
     return ""

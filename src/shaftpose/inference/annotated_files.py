@@ -73,16 +73,18 @@ class AnnotatedFiles:
 
     No file is overwritten: a name that exists gets a number. again: sources whose drawings, the
     last ones of an interrupted run, may be incomplete; these are drawn again. record: of the run,
-    None if it cannot be resumed.
+    in which new videos are noted.
     """
 
     def __init__(self, folder: Path, again: Set[str], record: RunRecord | None) -> None:
         self._folder, self._again, self._record = folder, set(again), record
+        videos = () if record is None else record.videos
+        self._incomplete = [(name, source) for name, source in videos if source in again]
         self._video: AnnotatedVideo | None = None
 
     def end_before(self, frame: Frame, _: Sequence[FoundShaft]) -> None:
-        """Finish the video that a frame does not continue, before the frame's results are written:
-        these show an interrupted run that the video is complete.
+        """Finish the current video if a frame is not part of it. This comes before the frame's
+        results are written, so that results of a next source prove the video complete.
 
         Raises UnwritableError naming the video if it is not.
         """
@@ -126,12 +128,11 @@ class AnnotatedFiles:
         if self._video is None or not self._video.is_continued_by(frame):
             self.close()
             path, _ = unused(self._folder, _stem(frame.source), "mp4")
+            if drawn := [each for each in self._incomplete if each[1] == frame.source]:
+                self._incomplete.remove(drawn[0])
+                path = self._folder / drawn[0][0]
             if self._record is not None:
-                again = frame.source in self._again
-                drawn = [n for n, source in self._record.videos if again and source == frame.source]
-                path = self._folder / drawn[-1] if drawn else path
                 self._record.add_video(path.name, frame.source)
-            self._again.discard(frame.source)
             self._video = AnnotatedVideo(path, frame)
         return self._video
 

@@ -151,17 +151,22 @@ def _is_fisheye(path: Path, storage: cv2.FileStorage) -> bool:
     remedy = f"calibrate with one of {', '.join(_LENSES)}"
     if not storage.getNode("xi").empty():
         raise InputError(f"{path}: xi: an omnidirectional lens is not supported; {remedy}")
-    if stated not in ("", *_LENSES):
+    known = _LENSES.get(stated, bool(_FISHEYE.search(stated)))
+    if stated not in ("", *_LENSES) and not known:
         raise InputError(f"{path}: {_MODEL}: {stated} is not supported; {remedy}")
-    found = _LENSES.get(stated, False)
+    found = known
     for name in list(storage.root().keys()):
         value = _value(storage, name).lower()
         if _FISHEYE.search(name):
             if value not in (*_YES, *_NO):
-                raise InputError(f"{path}: {name}: {value}: must be 0 or 1")
+                raise InputError(f"{path}: {name}: {value}: must be 1 or 0")
             found = found or value in _YES
         elif _KIND.search(name):
             found = found or bool(_FISHEYE.search(value))
+    if found and stated in _LENSES and not known:
+        raise InputError(
+            f"{path}: {_MODEL}: {stated} is no fisheye lens, another entry is; {remedy}"
+        )
     return found
 
 

@@ -30,17 +30,14 @@ class Row(NamedTuple):
 class Earlier:
     """What need not be predicted again.
 
-    frames: source -> the number of its next frame, each time that the source was named. again: the
-    sources whose results were dropped, because a part of them may be missing.
+    frames: for each source, the number of the first frame still to do, once for each time that the
+    source was named. again: the sources whose results were dropped, because a part of them may be
+    missing. count: of the frames with results.
     """
 
     frames: Mapping[str, Sequence[int]]
     again: frozenset[str] = frozenset()
-
-    @property
-    def count(self) -> int:
-        """The number of frames."""
-        return sum(map(sum, self.frames.values()))
+    count: int = 0
 
     def rest(self, sources: Iterable[Source]) -> Iterator[Source]:
         """The sources that are left, of a film with its next frame. Streams begin again."""
@@ -70,7 +67,8 @@ def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
             raise InputError(f"{path}: holds no results of --format {style}; remove it") from error
         kept = _kept(rows, tracked, drawn)
         file.truncate(rows[len(kept)].start if rows else 0)
-    return Earlier(_next_frames(kept), frozenset(row.source for row in rows[len(kept) :]))
+    again = frozenset(row.source for row in rows[len(kept) :])
+    return Earlier(_next_frames(kept), again, len(kept))
 
 
 def _kept(rows: list[Row], tracked: bool, drawn: bool) -> list[Row]:
@@ -86,7 +84,7 @@ def _kept(rows: list[Row], tracked: bool, drawn: bool) -> list[Row]:
 
 
 def _next_frames(rows: Sequence[Row]) -> dict[str, list[int]]:
-    """See `Earlier.frames`: numbers that do not grow begin a source once more."""
+    """See `Earlier.frames`. A number that does not grow means that the source was named again."""
     found: dict[str, list[int]] = {}
     for row in rows:
         done = found.setdefault(row.source, [])

@@ -34,12 +34,13 @@ def sources(
     drawings: Path | None = None,
 ) -> Iterator[Source]:
     """The sources with these names, in order; `-` stands for the names on `lines`, which are read
-    one at a time. span: the part of films that is wanted. warn: is told of films in folders.
-    drawings: their folder. Raises InputError if it is a source: they would be taken for images."""
+    one at a time. span: the part of films that is wanted. warn: is told of films in folders,
+    and of a span that folders ignore. drawings: the folder that drawings go to, if any. Raises
+    InputError if it is a source, too: drawings would be taken for images."""
     for name in names:
         if name == "-":
             for line in lines:
-                # A list that was written on Windows may begin with a byte order mark.
+                # Lists that were written on Windows may begin with a byte order mark.
                 if written := line.rstrip("\r\n").removeprefix("\ufeff"):
                     yield from _named(written, span, warn, drawings)
         else:
@@ -60,13 +61,20 @@ def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
         if drawings is not None and os.path.isdir(drawings) and os.path.samefile(name, drawings):
             raise InputError(
-                f"--out {drawings}: holds the images to predict, which drawings must not join; "
+                f"--out {drawings}: holds the images to predict, and would hold drawings, too; "
                 "name another folder"
             )
         if span != Span():
             warn(f"{name}: --start, --end, --every: for films alone; all of its images are used")
         return images_of(path, warn)
     return [file_source(path, span)]
+
+
+def is_live(name: str) -> bool:
+    """Whether a name is that of a camera or a stream; only its server knows this of an address of
+    HTTP."""
+    scheme, separator, _ = name.partition("://")
+    return name.isdecimal() or bool(separator and scheme.lower() not in ("file", "http", "https"))
 
 
 class FramesOf(Protocol[F_co]):

@@ -1,6 +1,5 @@
 """Results as text, and the errors of outputs that cannot be written."""
 
-import fcntl
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -44,6 +43,10 @@ def naming_unwritable(path: object) -> Iterator[None]:
 
 def hold(file: IO[Any], path: object) -> None:
     """Hold a file until it is closed. Raises UnwritableError naming it if another run holds it."""
+    try:
+        import fcntl
+    except ImportError:  # on Windows
+        return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:

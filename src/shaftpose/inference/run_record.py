@@ -44,7 +44,7 @@ class RunRecord:
 
 
 def run_record(results: Path, options: Mapping[str, str], resumed: bool) -> RunRecord:
-    """The record of a run that writes to `results`, of one that is resumed the earlier one.
+    """The record of a run that writes to `results`; a resumed run gets the earlier run's record.
 
     Raises InputError naming the results if they have no record, or if an option was another one
     when they were begun.
@@ -55,13 +55,15 @@ def run_record(results: Path, options: Mapping[str, str], resumed: bool) -> RunR
         record.write()
     elif resumed:
         if not path.is_file():
-            raise InputError(f"{results}: {path.name}, which tells its options, is gone; {_REMEDY}")
+            raise InputError(
+                f"{results}: {path.name}, which tells its options, is missing; {_REMEDY}"
+            )
         known = _read(path)
         for name, value in options.items():
             if known.options.get(name) != value:
                 raise InputError(
                     f"{results}: was begun with {name} {known.options.get(name)}, not {value}; "
-                    f"resume it with the same options, or {_REMEDY}"
+                    f"give the same again, or {_REMEDY}"
                 )
         record = RunRecord(path, known)
     return record

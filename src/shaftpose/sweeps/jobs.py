@@ -11,10 +11,10 @@ _LONGEST = 30  # characters of a value that fit into a figure
 
 @dataclass(frozen=True)
 class SweepJob:
-    """One training of a sweep: its parameters as text and its last metrics, by name.
+    """One training of a sweep: its parameters as text and the metrics of its result, by name.
 
     A job may lack parameters that others have (such as the width of B's classes) and metrics
-    without a value (pose errors, if nothing is detected). `steps`: steps until the last validation.
+    without a value (pose errors, if nothing is detected). `steps`: up to the result's validation.
     """
 
     parameters: Mapping[str, str]

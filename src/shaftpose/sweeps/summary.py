@@ -56,7 +56,7 @@ def best_run(runs: Sequence[SweepRun], margin: float) -> SweepRun:
 
 
 def validation(run: SweepRun) -> MetricValues:
-    """The metrics of a run's last validation, without prefix."""
+    """The metrics of the validation of a run's result, without prefix."""
     return {name.removeprefix(f"{PHASE}/"): value for name, value in run.metrics.items()}
 
 
