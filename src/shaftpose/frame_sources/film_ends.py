@@ -59,7 +59,7 @@ def video_tracks(path: Path) -> int:
     Matroska and WebM."""
     with path.open("rb") as file:
         if file.read(4) == _EBML:
-            return max(_tracks(file).count(_MATROSKA_VIDEO), 1)
+            return max(_tracks(file, path.stat().st_size).count(_MATROSKA_VIDEO), 1)
         start = 0
         for end in _box_ends(file, path.stat().st_size):
             file.seek(start)
@@ -140,19 +140,19 @@ def _asf_size(file: BinaryIO) -> int:
     return 0 if live else int.from_bytes(properties[24:32], "little")
 
 
-def _tracks(file: BinaryIO) -> bytes:
-    """The description of a Matroska file's tracks; empty if it is damaged or far behind."""
+def _tracks(file: BinaryIO, size: int) -> bytes:
+    """The description of a Matroska file's tracks; empty if the file is damaged."""
     file.seek(4)
     file.seek(_ebml_size(file)[0], 1)
     file.read(4)  # the segment
     _ebml_size(file)
-    for _ in range(_MOST_BOXES):
+    while file.tell() < size:
         first = file.read(1)
-        name = first + file.read(8 - first[0].bit_length() if first else 0)
+        name = first + file.read(8 - first[0].bit_length())
         length, known = _ebml_size(file)
         if name == _TRACKS:
             return file.read(min(length, _MATROSKA_HEADER))
-        if not known or not first:
+        if not known:
             break
         file.seek(length, 1)
     return b""
