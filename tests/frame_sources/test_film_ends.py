@@ -114,3 +114,5 @@ def test_videos_of_matroska_are_counted_where_they_are_described(tmp_path: Path)
     path = tmp_path / "clip.mkv"
     path.write_bytes(element("1a45dfa3", bytes(9)) + element("18538067", content))
     assert video_tracks(path) == 2
+    path.write_bytes(path.read_bytes().replace(bytes.fromhex("ec5770"), bytes.fromhex("ec0070")))
+    assert video_tracks(path) == 1  # a damaged length: no more is known

@@ -159,8 +159,11 @@ def _tracks(file: BinaryIO, size: int) -> bytes:
 
 
 def _ebml_size(file: BinaryIO) -> tuple[int, bool]:
-    """A number of 1 to 8 bytes, whose first bits tell how many, and whether it is known."""
+    """A number of 1 to 8 bytes, whose first bits tell how many, and whether it is known. 2^56 for a
+    damaged one: the system can seek no farther than 2^63."""
     first = int.from_bytes(file.read(1), "big")
+    if first == 0:
+        return 2**56, False
     more = 8 - first.bit_length()
     bits = 7 * (more + 1)
     number = int.from_bytes(bytes([first]) + file.read(more), "big") & (2**bits - 1)
