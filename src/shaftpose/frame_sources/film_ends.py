@@ -122,10 +122,10 @@ def _riff_ends(file: BinaryIO, size: int) -> Iterator[int]:
 
 
 def _segment_end(file: BinaryIO) -> int:
-    """The end of a Matroska file's only segment, 0 if it states none."""
+    """The end of a Matroska file's only segment, 0 if it states none. The file is then at the
+    segment's content."""
     file.seek(4)
-    length, _ = _ebml_size(file)
-    file.seek(length, 1)
+    file.seek(min(_ebml_size(file)[0], _MATROSKA_HEADER), 1)  # the system refuses to seek too far
     if file.read(4) != _SEGMENT:
         return 0
     length, known = _ebml_size(file)
@@ -142,28 +142,22 @@ def _asf_size(file: BinaryIO) -> int:
 
 def _tracks(file: BinaryIO, size: int) -> bytes:
     """The description of a Matroska file's tracks; empty if the file is damaged."""
-    file.seek(4)
-    file.seek(_ebml_size(file)[0], 1)
-    file.read(4)  # the segment
-    _ebml_size(file)
+    _segment_end(file)
     while file.tell() < size:
         first = file.read(1)
         name = first + file.read(8 - first[0].bit_length())
         length, known = _ebml_size(file)
         if name == _TRACKS:
             return file.read(min(length, _MATROSKA_HEADER))
-        if not known:
+        if not known or length > size:
             break
         file.seek(length, 1)
     return b""
 
 
 def _ebml_size(file: BinaryIO) -> tuple[int, bool]:
-    """A number of 1 to 8 bytes, whose first bits tell how many, and whether it is known. 2^56 for a
-    damaged one: the system can seek no farther than 2^63."""
+    """A number of 1 to 8 bytes, whose first bits tell how many, and whether it is known."""
     first = int.from_bytes(file.read(1), "big")
-    if first == 0:
-        return 2**56, False
     more = 8 - first.bit_length()
     bits = 7 * (more + 1)
     number = int.from_bytes(bytes([first]) + file.read(more), "big") & (2**bits - 1)
