@@ -68,8 +68,10 @@ def run(options: argparse.Namespace) -> None:
 def _predict_alone(options: argparse.Namespace) -> int:
     """Predict all sources in this process. Returns the number of sources that failed."""
     warn_once = cache(warn)
-    finder = _finder_options(options).finder(warn_once)
-    named, record, earlier = named_sources(options), _record(options), _earlier(options)
+    with model_file(options.model) as model:
+        finder = replace(_finder_options(options), model=str(model)).finder(warn_once)
+        named, record = named_sources(options), _record(options, model)
+    earlier = _earlier(options)
     tracker = ShaftTracker(finder.axis_px, finder.diameter_mm) if options.track else None
     style = format_of_run(options.format)
     drawings = annotated_files(options.out, earlier.again, record) if options.draw else None
@@ -110,8 +112,8 @@ def _predict_on_workers(options: argparse.Namespace) -> int:
         chosen = _absolute(_finder_options(options), model)
         chosen.finder(warn)  # so that unusable options end the command here
         client = stack.enter_context(client_of(options.workers))  # one that fails leaves no file
-        _record(options)
-        named, earlier = named_sources(options), _earlier(options)
+        named, _ = named_sources(options), _record(options, model)
+        earlier = _earlier(options)
         with (
             result_stream(options.out, style, options.resume) as results,
             progress_bar(named, earlier.count, options.out is None) as bar,
@@ -134,12 +136,11 @@ def _recording(folder: Path, finder: ShaftFinder) -> AbstractContextManager[Writ
     return rerun_file(folder, finder.camera_matrix, finder.diameter_mm)
 
 
-def _record(options: argparse.Namespace) -> RunRecord | None:
+def _record(options: argparse.Namespace, model: Path) -> RunRecord | None:
     """The record of a run in a folder: what decides its results, files by their content."""
     if options.out is None:
         return None
-    with model_file(options.model) as model:
-        decisive = {"--model": _digest(model)}
+    decisive = {"--model": _digest(model)}
     decisive["--camera"] = str(options.camera and _digest(options.camera))
     for name in _DECISIVE:
         decisive[f"--{name.replace('_', '-')}"] = str(getattr(options, name))

@@ -49,14 +49,13 @@ def sources(
 
 def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable[Source]:
     """A whole number is a camera, a name with `://` an address; all others are paths."""
-    if name.isdecimal():
-        return [LiveStream(int(name))]
+    if is_live(name):
+        return [LiveStream(int(name) if name.isdecimal() else name)]
     scheme, separator, _ = name.partition("://")
-    if scheme.lower() == "file" and separator:
+    if separator and scheme.lower() != "file":
+        return [WebAddress(name, span)]
+    if separator:
         name = url2pathname(urlsplit(name).path)
-    elif separator:
-        on_web = scheme.lower() in ("http", "https")
-        return [WebAddress(name, span) if on_web else LiveStream(name)]
     path = Path(name)
     if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
         if drawings is not None and os.path.isdir(drawings) and os.path.samefile(name, drawings):
