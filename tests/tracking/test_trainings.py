@@ -44,3 +44,17 @@ def test_a_runs_duration_is_that_of_its_training(store: Path) -> None:
     assert after.info.status == "FINISHED"
     assert after.data.metrics["test/mAP"] == 0.5
     assert mlflow.artifacts.load_text(f"{after.info.artifact_uri}/settings.yaml") == "seed: 7\n"
+
+
+def test_the_last_values_of_a_run_are_those_of_the_weights_that_it_keeps(store: Path) -> None:
+    for keep_best in (True, False):
+        parameters = {"training": {"keep_best": keep_best}}
+        with training_run(f"{keep_best}", "d", parameters, {}, "data/render", store):
+            for step, merit in enumerate((0.1, 0.7, 0.4)):
+                metrics = {"validation/mAP": merit, "validation/tip_mm": 9.0 - step}
+                mlflow.log_metrics(metrics, step=step)
+    runs = mlflow.search_runs(output_format="list", order_by=["attributes.start_time ASC"])
+    shown = [
+        (run.data.metrics["validation/mAP"], run.data.metrics["validation/tip_mm"]) for run in runs
+    ]
+    assert shown == [(0.7, 8.0), (0.4, 7.0)]

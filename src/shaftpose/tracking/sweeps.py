@@ -12,6 +12,7 @@ from mlflow.entities import Run, RunStatus
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.stage_files import read_stage_file
+from shaftpose.tracking.validations import validation_of_result
 from shaftpose.tracking.views import results, view_tag
 
 _RECORD = "mlflow_sweep.json"
@@ -89,25 +90,8 @@ def _sweep_run(run: Run) -> SweepRun:
         run.info.status == RunStatus.to_string(RunStatus.FINISHED),
         shlex.split(run.data.tags.get(OVERRIDES_TAG, "")),
         run.data.params,
-        *_validation(run),
+        *validation_of_result(run),
     )
-
-
-def _validation(run: Run) -> tuple[int, dict[str, float]]:
-    """The steps of a run up to the validation of its result, and the metrics of that validation:
-    with `keep_best` the first one of the best mAP, else the last one.
-
-    A metric's own last value may be older: pose errors are missing if nothing was found.
-    """
-    client = mlflow.MlflowClient()
-    names = [name for name in run.data.metrics if name.startswith("validation/")]
-    logged = [point for n in names for point in client.get_metric_history(run.info.run_id, n)]
-    merits = [(point.value, -point.step) for point in logged if point.key == "validation/mAP"]
-    if merits and run.data.params.get("training.keep_best") == "True":
-        step = -max(merits)[1]
-    else:
-        step = max((point.step for point in logged), default=-1)  # counted from 0
-    return step + 1, {point.key: point.value for point in logged if point.step == step}
 
 
 def add_summary(

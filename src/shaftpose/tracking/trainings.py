@@ -14,6 +14,7 @@ from mlflow.entities import Run
 from shaftpose.settings.parsing import as_plain, flatten
 from shaftpose.tracking.parents import repro_run, run_name
 from shaftpose.tracking.sweeps import OVERRIDES_TAG, read_sweep
+from shaftpose.tracking.validations import repeat_kept_validation
 from shaftpose.tracking.views import run_link
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def training_run(
             tracking_uri=mlflow.get_tracking_uri(),
             run_id=run.info.run_id,
         )
+        repeat_kept_validation(run.info.run_id)
 
 
 def _log_inputs(parameters: Mapping[str, Any], dataset: Mapping[str, str], images: str) -> None:
