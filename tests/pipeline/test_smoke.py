@@ -36,7 +36,7 @@ def printed(run: Run) -> str:
     for block in blocks("bash"):
         done = run("bash", "-ec", block)
         assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-        printed += done.stdout
+        printed += done.stdout + done.stderr
     return printed
 
 
@@ -50,6 +50,11 @@ def test_the_tutorials_files_are_there(finished: Path, printed: str) -> None:
     for name in ("look.jpg", "backgrounds.jpg", "reports/e/figures/predictions.jpg"):
         assert (finished / name).stat().st_size > 10_000
     assert (finished / "found/predictions.jsonl").read_text().count("\n") == 1
+
+
+def test_a_log_holds_no_progress_bars(printed: str) -> None:
+    assert "60 images are in data/render/images" in printed
+    assert "%|" not in printed
 
 
 def test_the_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:

@@ -72,7 +72,7 @@ def _is_finished(shard: Shard) -> bool:
 
 def _render(shards: Sequence[Shard], run: RunParameters, client: Client) -> None:
     total = sum(shard.count for shard in shards)
-    with tqdm(total=total, desc="rendering", unit="image", disable=not total) as bar:
+    with tqdm(total=total, desc="rendering", unit="image", disable=None if total else True) as bar:
         progress = _Progress(bar)
         client.subscribe_topic(run.topic, progress.on_event)
         futures = client.map(render_shard, shards, run=run, pure=False)
