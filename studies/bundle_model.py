@@ -55,9 +55,11 @@ def main() -> None:
     parser.add_argument("--notice", type=Path, help="text file on the origin of its images")
     arguments = parser.parse_args()
     with exit_on_input_error():
-        notice = arguments.notice.read_text() if arguments.notice else ""
-        folder = arguments.folder
-        bundle(folder, arguments.results or folder, ROOT, arguments.name, notice)
+        notice, folder = arguments.notice, arguments.folder
+        if notice and not notice.is_file():
+            raise InputError(f"{notice}: missing; `shaftpose real fetch FOLDER` writes SOURCES.txt")
+        text = notice.read_text() if notice else ""
+        bundle(folder, arguments.results or folder, ROOT, arguments.name, text)
 
 
 def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice: str = "") -> None:
