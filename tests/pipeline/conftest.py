@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -110,6 +111,14 @@ def run_in(clone: Path, *command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         command, cwd=clone, env=environment, capture_output=True, text=True, timeout=900
     )
+
+
+def run_here(script: str | Path, *arguments: str) -> None:
+    """Run a script in this process, which has imported what it needs, in the working directory."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [str(script), *arguments])
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        runpy.run_path(str(script), run_name="__main__")
 
 
 def replace_in(path: Path, old: str, new: str) -> None:

@@ -16,9 +16,10 @@ import torch
 from pipelines import train as stage
 from shaftpose.settings.tree import Settings
 from shaftpose.training import run
-from tests.pipeline.conftest import ROOT, settings_with
+from tests.pipeline.conftest import ROOT, run_here, settings_with
 from tests.pipeline.test_resume import kill_when
 
+SCRIPT = str(ROOT / "pipelines/train.py")
 SIZES = (
     "profile=smoke", "profiles.smoke.steps=1", "variant.start=null", "trainer=cpu",
     "profiles.smoke.warmup_steps=0", "profiles.smoke.batch_size=2", "training.loader_workers=0",
@@ -126,7 +127,7 @@ def start_sweep(project: Path, *overrides: str) -> subprocess.Popen[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
     environment.pop("MLFLOW_TRACKING_URI", None)
     return subprocess.Popen(
-        [sys.executable, str(ROOT / "pipelines/train.py"), "-m", *SIZES, *overrides],
+        [sys.executable, SCRIPT, "-m", *SIZES, *overrides],
         cwd=project, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
 
@@ -147,12 +148,12 @@ def test_an_interrupted_sweep_goes_on(inside: Path) -> None:
     assert sorted(run.data.params["loss.alpha"] for run in nested) == ["0.5", "2.0"]
 
 
-def test_a_search_that_is_started_again_repeats_no_job(inside: Path) -> None:
+def test_a_search_that_is_started_again_repeats_no_job(
+    inside: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for trials in (1, 2):
-        process = start_sweep(inside, *SEARCH, f"hydra.sweeper.trials={trials}")
-        output, _ = process.communicate()
-        assert process.returncode == 0, output
-        assert output.count(": finished; its result is in") == trials - 1
+        run_here(SCRIPT, "-m", *SIZES, *SEARCH, f"hydra.sweeper.trials={trials}")
+        assert capsys.readouterr().out.count(": finished; its result is in") == trials - 1
     records = [(inside / f"sweeps/search/{job}/training.json").read_text() for job in range(2)]
     first, second = (json.loads(record)["variant"]["loss"]["alpha"] for record in records)
     assert 0.5 <= first != second <= 2.0
