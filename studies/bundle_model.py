@@ -55,11 +55,13 @@ def main() -> None:
     parser.add_argument("--notice", type=Path, help="text file on the origin of its images")
     arguments = parser.parse_args()
     with exit_on_input_error():
-        notice, folder = arguments.notice, arguments.folder
-        if notice and not notice.is_file():
-            raise InputError(f"{notice}: missing; `shaftpose real fetch FOLDER` writes SOURCES.txt")
-        text = notice.read_text() if notice else ""
-        bundle(folder, arguments.results or folder, ROOT, arguments.name, text)
+        folder, file = arguments.folder, arguments.notice
+        if file and not file.is_file():
+            raise InputError(
+                f"{file}: is no file; `shaftpose real fetch FOLDER` writes SOURCES.txt"
+            )
+        notice = file.read_text() if file else ""
+        bundle(folder, arguments.results or folder, ROOT, arguments.name, notice)
 
 
 def bundle(folder: Path, results: Path, root: Path, name: str = DEFAULT, notice: str = "") -> None:

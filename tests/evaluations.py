@@ -21,7 +21,14 @@ METRICS: MetricValues = {
     "mAP": 0.5, "detected_rate": 0.5, **ERRORS.means(), "images": 20, "instruments": 3,
     "detections": 1, "confidence": 0.5,
 }  # fmt: skip
-SIZE = {"optimizer": "muon", "detector_steps": 5, "batch_size": 4, "width": 0.125, "depth": 0.25}
+SIZE = {
+    "optimizer": "muon",
+    "precision": "32-true",
+    "detector_steps": 5,
+    "batch_size": 4,
+    "width": 0.125,
+    "depth": 0.25,
+}
 TRAINING = TrainingRecord(
     training_id="0123456789abcdef",
     fingerprint="0011223344556677",

@@ -52,9 +52,10 @@ def split_at_operators(line: str) -> Iterator[list[str]]:
 
 
 def in_prose(page: Path) -> Iterator[list[str]]:
-    """The words of each command in a page's sentences; mentions of `shaftpose predict` and
-    modules, without their arguments, are none."""
-    for command in re.findall(r"`((?:make|dvc|python -m) [^`]+)`", BLOCK.sub("", page.read_text())):
+    """The words of each command of make, dvc and `python -m` in a page's sentences, which mention
+    modules without arguments, too."""
+    sentences = BLOCK.sub("", page.read_text())
+    for command in re.findall(r"`((?:make|dvc|python\s+-m)\s[^`]+)`", sentences):
         words = shlex.split(command)
         if words[0] != "python" or len(words) > 3:
             yield words
@@ -166,3 +167,4 @@ def test_commands_are_found() -> None:
     programs = {words[0] for _, words in FOUND}
     assert {"make", "shaftpose", "dvc", "python"} <= programs
     assert len(FOUND) > 80
+    assert len(IN_PROSE) > 30

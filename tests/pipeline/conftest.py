@@ -1,5 +1,6 @@
 """A clone of the project at the `smoke` profile, in which the real pipeline runs."""
 
+import logging
 import os
 import re
 import runpy
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import mlflow
 import pytest
 
 from shaftpose.settings.compose import composed_settings
@@ -114,11 +116,21 @@ def run_in(clone: Path, *command: str) -> subprocess.CompletedProcess[str]:
 
 
 def run_here(script: str | Path, *arguments: str) -> None:
-    """Run a script in this process, which has imported what it needs, in the working directory."""
+    """Run a script in this process and its working directory: a new one imports torch again.
+
+    Leaves logging and MLflow as they were.
+    """
+    database, log = mlflow.get_tracking_uri(), logging.root
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", [str(script), *arguments])
-        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        runpy.run_path(str(script), run_name="__main__")
+        patch.setenv("MLFLOW_TRACKING_URI", "")  # so that what the script sets is undone
+        patch.delenv("MLFLOW_TRACKING_URI")
+        patch.setattr(log, "handlers", log.handlers.copy())
+        patch.setattr(log, "level", log.level)
+        try:
+            runpy.run_path(str(script), run_name="__main__")
+        finally:
+            mlflow.set_tracking_uri(database)
 
 
 def replace_in(path: Path, old: str, new: str) -> None:

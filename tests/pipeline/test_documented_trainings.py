@@ -1,4 +1,4 @@
-"""The docs' commands for trainings and sweeps run as they are written, at a small size."""
+"""The docs' commands for trainings and sweeps run, with at most two jobs of one step."""
 
 import re
 from collections.abc import Sequence
@@ -13,12 +13,11 @@ from tests.test_documented_commands import FOUND
 
 DETECTOR = ("pipelines/train.py", "variant=detector", "out=models/detector")
 ELSEWHERE = re.compile(".* trainer=(ddp|slurm)")  # several devices
-# Each command once, in the order of the docs: some start from another one's result.
-COMMANDS = [
-    tuple(words[1:])
-    for words in dict.fromkeys(tuple(words) for _, words in FOUND)
-    if words[:2] == ("python", "pipelines/train.py") and not ELSEWHERE.match(" ".join(words))
-]
+# The trainings of each page, in their order: some start from the result of another one.
+PAGES: dict[str, list[list[str]]] = {}
+for page, words in FOUND:
+    if words[:2] == ["python", "pipelines/train.py"] and not ELSEWHERE.match(" ".join(words)):
+        PAGES.setdefault(page, []).append(words[1:])
 
 
 @pytest.fixture(scope="module")
@@ -37,16 +36,24 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_the_training_runs(
-    command: tuple[str, ...], project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_a_pages_trainings_run(page: str, project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(project)
-    before = set(project.rglob("model.ckpt"))
-    run_here(*(word.replace("NAME", "c") for word in shortened(command)))
-    new = set(project.rglob("model.ckpt")) - before
-    trained = {path for path in new if "scratch" not in path.parts}
-    assert len(trained) == (2 if "-m" in command else 1)
+    for command in PAGES[page]:
+        before = results(project)
+        run_here(*(word.replace("NAME", "c") for word in shortened(command)))
+        written = results(project).items() - before.items()
+        assert len(written) == (2 if "-m" in command else 1), command
+
+
+def test_trainings_are_found() -> None:
+    assert len(PAGES) > 4
+
+
+def results(project: Path) -> dict[Path, int]:
+    """The trained networks outside the scratch folder, and when they were written."""
+    found = [path for path in project.rglob("model.ckpt") if "scratch" not in path.parts]
+    return {path: path.stat().st_mtime_ns for path in found}
 
 
 def shortened(command: Sequence[str]) -> list[str]:

@@ -51,10 +51,10 @@ def test_the_last_values_of_a_run_are_those_of_the_weights_that_it_keeps(store: 
         parameters = {"training": {"keep_best": keep_best}}
         with training_run(f"{keep_best}", "d", parameters, {}, "data/render", store):
             for step, merit in enumerate((0.1, 0.7, 0.4)):
-                metrics = {"validation/mAP": merit, "validation/tip_mm": 9.0 - step}
+                metrics = {"validation/mAP": merit, "validation/tip_mm": abs(3.0 * step - 4.0)}
                 mlflow.log_metrics(metrics, step=step)
     runs = mlflow.search_runs(output_format="list", order_by=["attributes.start_time ASC"])
     shown = [
         (run.data.metrics["validation/mAP"], run.data.metrics["validation/tip_mm"]) for run in runs
     ]
-    assert shown == [(0.7, 8.0), (0.4, 7.0)]
+    assert shown == [(0.7, 1.0), (0.4, 2.0)]

@@ -72,7 +72,8 @@ def _is_finished(shard: Shard) -> bool:
 
 def _render(shards: Sequence[Shard], run: RunParameters, client: Client) -> None:
     total = sum(shard.count for shard in shards)
-    with tqdm(total=total, desc="rendering", unit="image", disable=None if total else True) as bar:
+    hidden = None if total else True  # None: where it would be written to a file
+    with tqdm(total=total, desc="rendering", unit="image", disable=hidden) as bar:
         progress = _Progress(bar)
         client.subscribe_topic(run.topic, progress.on_event)
         futures = client.map(render_shard, shards, run=run, pure=False)

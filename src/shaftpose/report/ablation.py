@@ -25,13 +25,14 @@ class VariantRow:
     empty for one seed. width, depth: of the paper's backbone, None for other networks.
     detector_steps: of the profile's detector, 0 without a start checkpoint. parameters: number of
     weights. mixed_in_images: images without poses, besides `training_images`. title: shown if the
-    paper has none. settings: of the variant and its loss, by name. depths: errors by bins of the
-    true depth. training_id: as in MLflow. data: digests of the rendered images with their split,
-    and of mixed-in images. origin: of the evaluation. refined: whether poses are fitted.
-    silhouettes: fields of a `SilhouetteScore` by set of images, such as `rendered/clear`.
+    paper has none. precision: of the training's numbers, as Lightning names it. settings: of the
+    variant and its loss, by name. depths: errors by bins of the true depth. training_id: as in
+    MLflow. data: digests of the rendered images with their split, and of mixed-in images. origin:
+    of the evaluation. refined: whether poses are fitted. silhouettes: fields of a `SilhouetteScore`
+    by set of images, such as `rendered/clear`.
 
-    summary, depths, training_id and origin are empty for several seeds. They, settings and data may
-    be empty in older results.
+    summary, depths, training_id and origin are empty for several seeds. They, precision, settings
+    and data may be empty in older results.
     """
 
     variant: str
@@ -48,6 +49,7 @@ class VariantRow:
     parameters: int
     mixed_in_images: int = 0
     title: str = ""
+    precision: str = ""
     spread: MetricValues = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     summary: Summary | None = None
@@ -137,6 +139,7 @@ def _row(name: str, evaluation: Evaluation, accuracy: Accuracy) -> VariantRow:
         width=size["width"] if scaled else None,
         depth=size["depth"] if scaled else None,
         optimizer=size["optimizer"],
+        precision=size["precision"],
         detector_steps=size["detector_steps"] if training.variant["start"] else 0,
         seeds=(training.seed,),
         parameters=training.parameters,

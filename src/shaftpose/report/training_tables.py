@@ -6,7 +6,7 @@ from shaftpose.report.cells import MISSING, show
 
 SETUP = (
     "Variant", "Training images", "Test images", "Steps", "Batch", "Width", "Depth", "Optimiser",
-    "Detector steps", "Seeds", "Parameters", "Confidence",
+    "Precision", "Detector steps", "Seeds", "Parameters", "Confidence",
 )  # fmt: skip
 ORIGIN = ("Variant", "Command", "Commit", "Machine", "Data", "Training")
 ORIGINS = (
@@ -27,6 +27,7 @@ def setup_table(report: AblationReport) -> str:
             str(row.batch_size),
             *(MISSING if scale is None else f"{scale:g}" for scale in (row.width, row.depth)),
             row.optimizer.capitalize(),
+            row.precision or MISSING,
             show(row.detector_steps or None, 0),
             ", ".join(str(seed) for seed in row.seeds),
             show(row.parameters, 0),

@@ -24,7 +24,8 @@ def validation_of_result(run: Run) -> tuple[int, dict[str, float]]:
 def repeat_kept_validation(run_id: str) -> None:
     """Log the best validation of a training with `keep_best` once more, at its last step.
 
-    MLflow's tables show each metric's last value, which then is that of the kept weights.
+    MLflow's tables show each metric's last value, which then is that of the kept weights; one that
+    this validation lacks, such as an error if nothing was found, keeps its own last value.
     """
     client = mlflow.MlflowClient()
     run = client.get_run(run_id)
