@@ -165,7 +165,7 @@ def test_the_last_step_is_validated_once(
 
 def test_measuring_draws_no_random_number_and_changes_no_output() -> None:
     """So weights do not depend on metrics."""
-    metrics, trainer, module = ValidationMetrics(), Mock(), Mock()
+    metrics, trainer, module = ValidationMetrics(), Mock(global_step=1), Mock()
     module.network.side_px = SIDE
     outputs, batch = padded(FOUND[:BATCH]), next(iter(loader(KNOWN)))
     before = {name: values.clone() for name, values in outputs.items()}
