@@ -128,12 +128,13 @@ def _own(row: VariantRow, report: AblationReport) -> list[str]:
 
 
 def _readme_sentences(row: VariantRow, default: MetricValues) -> str:
-    shown, before = (row.batch_size * steps for steps in (row.steps, row.detector_steps))
+    shown, detector = (row.batch_size * steps for steps in (row.steps, row.detector_steps))
+    before = f"; C and D started from a detector that had seen {detector:,}" if detector else ""
     return (
         f"Training and test images: {row.training_images:,} and {row.test_images:,}; in the paper "
         f"{TRAINING_IMAGES:,} and {TEST_IMAGES:,}.\n"
-        f"Each of our variants saw {shown:,} images in its training, repetitions included; C and "
-        f"D started from a detector that had seen {before:,}.\n"
+        f"Each of our variants saw {shown:,} images in its training, repetitions included"
+        f"{before}.\n"
         "Errors are means over the shafts that were found.\n"
         "The detected rate and the errors are at each model's own confidence threshold; the paper "
         "states none.\n"

@@ -44,6 +44,17 @@ def test_a_champion_is_registered_once(store: Path, constant_model: Path) -> Non
     assert found == [(1, 1), (1, 1), (2, 2)]
 
 
+def test_a_champion_is_not_compared_with_itself(
+    store: Path, constant_model: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    export("id-7", constant_model)
+    for _ in range(2):
+        register("id-7", lambda other: False)
+    assert versions() == (1, 1)
+    assert "not the champion" not in caplog.text
+
+
 def test_a_champion_that_was_exported_again_is_registered_again(
     store: Path, constant_model: Path
 ) -> None:

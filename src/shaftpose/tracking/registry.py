@@ -44,7 +44,7 @@ def register_candidate(
         client.set_model_version_tag(MODEL_NAME, version, key, value)
     client.set_registered_model_alias(MODEL_NAME, CANDIDATE, version)
     champion = _champion(client)
-    if champion is not None and champion.version == version:
+    if champion is not None and str(champion.version) == version:
         return
     refusal = _refusal(tags, champion, is_better)
     if refusal is None:
