@@ -114,7 +114,7 @@ def times(
 ) -> dict[Name, list[float]]:
     """Seconds of each image; each round runs all of them."""
     seconds: dict[Name, list[float]] = {name: [] for name in runs}
-    for number in tqdm(range(rounds + 1), "rounds"):
+    for number in tqdm(range(rounds + 1), "rounds", disable=None):
         batch = [next(images) for _ in range(per_round)]
         for name, run in runs.items():
             time.sleep(PAUSE_S)

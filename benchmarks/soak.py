@@ -38,7 +38,7 @@ def resident_mib(total: int) -> tuple[float, float]:
     """The memory of this process after the first frames, and after all."""
     find, images, process = finder(DEFAULT, "edges"), frames(), psutil.Process()
     measured = {}
-    for number in tqdm(range(1, total + 1), "predicting", unit="frame"):
+    for number in tqdm(range(1, total + 1), "predicting", unit="frame", disable=None):
         find(next(images))
         if number in (SETTLED, total):
             measured[number] = process.memory_info().rss / 2**20

@@ -11,6 +11,7 @@ from shaftpose.sweeps.table import read_table
 from shaftpose.tracking.sweeps import start_sweep
 from shaftpose.tracking.trainings import training_run
 
+SHORTER = "profiles.smoke.steps=9", "training.max_hours=1"
 MEASURED = {  # alpha, gamma -> mAP, tip
     (0.5, 1): (0.96, 8.0), (0.5, 5): (0.95, 6.0), (1.5, 1): (0.5, 2.0), (1.5, 5): (0.97, None),
 }  # fmt: skip
@@ -22,7 +23,13 @@ def sweep(store: Path) -> Path:
     folder = store / "sweeps/grid"
     start_sweep(folder, "trials", {"loss.alpha": "0.5,1.5", "loss.gamma": "1,5"})
     for n, ((alpha, gamma), (mAP, tip)) in enumerate(MEASURED.items()):
-        given = ["variant=d", f"loss.alpha={alpha}", f"loss.gamma={gamma}", "profiles.demo.steps=9"]
+        given = [
+            "variant=d",
+            f"loss.alpha={alpha}",
+            f"loss.gamma={gamma}",
+            "profile=smoke",
+            *SHORTER,
+        ]
         parameters = {"loss": {"alpha": alpha, "gamma": gamma}, "variant": {"name": "d"}}
         known = {"validation/mAP": mAP} | ({"validation/tip_mm": tip} if tip else {})
         with training_run(f"id-{n}", "d", parameters, {}, "data/render", folder, given):

@@ -14,6 +14,7 @@ def test_a_run_is_named_by_what_differs(monkeypatch: pytest.MonkeyPatch) -> None
     given = ["variant=d", "loss.alpha=0.5", "loss.gamma=2", "profiles.demo.steps=500"]
     assert run_name("d", given, ["loss.alpha", "loss.gamma", "variant"]) == "d  alpha=0.5 gamma=2"
     assert run_name("d", given, []) == "d"
+    assert run_name("d", [*given, "out=x"], None) == "d  alpha=0.5 gamma=2 steps=500"
     assert run_name("d", ["+loss.beta=[1,1,2,2,2]"], ["loss.beta"]) == "d  beta=[1,1,2,2,2]"
     monkeypatch.setenv("DVC_EXP_NAME", "vexed-tank")
     assert run_name("d", ["out=models/d"], []) == "d  vexed-tank"

@@ -66,7 +66,8 @@ def _check_answer(uri: str) -> None:
     except (OSError, ValueError) as error:
         raise InputError(
             f"MLflow at {uri}: no answer ({error}); start the server, or go on without it: "
-            "tracking.uri=null, with MLFLOW_TRACKING_URI unset, records in mlflow.db"
+            "tracking.uri=null, with MLFLOW_TRACKING_URI unset, records in mlflow.db, and "
+            "`python -m tools.copy_runs SERVER` copies its runs later"
         ) from error
 
 

@@ -16,12 +16,15 @@ STAGE, EXPERIMENT = "DVC_STAGE", "DVC_EXP_NAME"
 _TAG = "shaftpose.repro"
 
 
-def run_name(variant: str, overrides: Sequence[str], swept: Sequence[str]) -> str:
+def run_name(variant: str, overrides: Sequence[str], swept: Sequence[str] | None) -> str:
     """The variant and what differs from other runs, as `d  alpha=0.5 gamma=2`.
 
-    swept: keys of the overrides that differ within a sweep.
+    swept: keys of the overrides that differ within a sweep; None outside of one, where all differ
+    from params.yaml.
     """
     pairs = [override.lstrip("+").partition("=") for override in overrides]
+    if swept is None:
+        swept = [key for key, _, _ in pairs if key != "out" and not key.startswith("hydra")]
     parts = [f"{k.rpartition('.')[2]}={value}" for k, _, value in pairs if k in swept]
     parts = [part for part in parts if part != f"variant={variant}"]
     experiment = os.environ.get(EXPERIMENT)

@@ -49,7 +49,7 @@ def training_run(
     parent, known = sweep.run_id if sweep else repro_run(), _find_run(training_id)
     with mlflow.start_run(
         run_id=known,
-        run_name=run_name(variant, overrides, sweep.swept if sweep else ()),
+        run_name=run_name(variant, overrides, sweep.swept if sweep else None),
         parent_run_id=parent,
         nested=parent is not None,
         tags={TRAINING_TAG: training_id, OVERRIDES_TAG: shlex.join(overrides)},
