@@ -15,6 +15,8 @@ from shaftpose.report.ablation import AblationReport, variant_rows
 from shaftpose.report.champion import choose_champion
 from shaftpose.settings.compose import composed_settings
 from shaftpose.stage_files import read_domain, read_stage_file
+from shaftpose.tracking.connection import connect
+from shaftpose.tracking.trainings import training_link
 from studies.evaluate_trainings import variant_of
 
 IMAGES, SPLIT, REAL = Path("data/render/images"), Path("data/split"), Path("data/real")
@@ -42,8 +44,10 @@ def compare(folders: list[Path], out: Path) -> None:
         champion=choose_champion(evaluations, settings.report.champion_margin),
         profile=settings.profile,
     )
+    connect(settings.tracking.uri, settings.tracking.experiment)
+    links = {name: training_link(one.training.training_id) for name, one in evaluations.items()}
     places = {name: folder for name, folder in zip(evaluations, folders, strict=True)}
-    writing.write_report(report, evaluations, {}, places, out)
+    writing.write_report(report, evaluations, links, places, out)
 
 
 def named(folder: Path) -> str:

@@ -10,18 +10,19 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import read_json, write_json
 from shaftpose.core.images import write_jpeg
-from shaftpose.stage_files import STAND_IN, AboutImages
+from shaftpose.stage_files import STAND_IN, AboutImages, read_training
+from shaftpose.tracking.trainings import run_of
 from studies.compare_runs import compare
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
-def folders(training: Path, tmp_path: Path) -> list[Path]:
+def folders(training: Path, store: Path) -> list[Path]:
     """Two evaluated trainings of one variant, in a project with its settings."""
     for name in ("conf", "params.yaml"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    write_json(tmp_path / "data/real/about.json", asdict(AboutImages(STAND_IN)))
+        (store / name).symlink_to(ROOT / name)
+    write_json(store / "data/real/about.json", asdict(AboutImages(STAND_IN)))
     write_jpeg(np.zeros((8, 8, 3), np.uint8), training / "predictions.jpg")
     other = training.with_name("other")
     shutil.copytree(training, other)
@@ -29,11 +30,13 @@ def folders(training: Path, tmp_path: Path) -> list[Path]:
 
 
 def test_each_folder_has_a_row_named_after_it(folders: list[Path], tmp_path: Path) -> None:
+    run = run_of(read_training(folders[0], "").training_id, "d")
     compare(folders, tmp_path / "report")
     rows = read_json(tmp_path / "report/ablation.json", "")["rows"]
     assert [row["variant"].partition(" ")[2] for row in rows] == [str(each) for each in folders]
     page = (tmp_path / "report/ablation.html").read_text()
     assert all(str(each) in page for each in folders)
+    assert page.count(f"/runs/{run}") == 2  # both are of this training
 
 
 def test_a_folder_without_results_is_named(folders: list[Path], tmp_path: Path) -> None:
