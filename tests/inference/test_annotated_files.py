@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock, call
 
 import cv2
 import numpy as np
@@ -11,7 +13,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.frame_sources.frames import Frame
-from shaftpose.inference.annotated_files import annotated_files, draw_shafts, unused
+from shaftpose.inference.annotated_files import annotated_files, codec, draw_shafts, unused
 from shaftpose.inference.found_shafts import FoundShaft
 from shaftpose.inference.result_stream import UnwritableError
 from tests.frame_sources.videos import read_greys
@@ -222,3 +224,13 @@ def test_a_film_with_a_colon_in_its_name_is_drawn_into_this_folder(
     with annotated_files(Path()) as files:
         files.add(film_frame("10:30:00.avi", 0, grey(40)), [])
     assert len(read_greys(tmp_path / "10:30:00.mp4")) == 1
+
+
+def test_the_log_level_is_set_where_newer_opencv_keeps_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV 4.11 has `cv2.setLogLevel`, 4.14 only `cv2.utils.logging`."""
+    levels = Mock(return_value=3)
+    monkeypatch.delattr(cv2, "setLogLevel", raising=False)
+    monkeypatch.setattr(cv2.utils, "logging", SimpleNamespace(setLogLevel=levels), raising=False)
+    codec.cache_clear()
+    assert codec() in ("avc1", "mp4v")
+    assert levels.call_args_list == [call(0), call(3)]

@@ -214,11 +214,12 @@ def _writer(name: str, first: Frame) -> cv2.VideoWriter:
 @cache
 def codec() -> str:
     """The codec of drawings: H.264, which browsers play, if this OpenCV writes it, else MPEG-4."""
-    level = cv2.setLogLevel(0)
+    log = getattr(cv2.utils, "logging", cv2)  # where OpenCV 4.14 and 4.11 have it
+    level = log.setLogLevel(0)
     with TemporaryDirectory() as folder:
         path, code = f"{folder}/video.mp4", cv2.VideoWriter.fourcc(*_H264)
         found = cv2.VideoWriter(path, code, 25, (64, 64)).isOpened()
-    cv2.setLogLevel(level)
+    log.setLogLevel(level)
     return _H264 if found else _MPEG4
 
 
