@@ -118,7 +118,7 @@ def readme_table(report: AblationReport, default: MetricValues) -> str:
         rows.append(_own(ours[variant], report))
     rows += [_own(row, report) for row in report.rows if row.variant == OWN and row.refined]
     rows.append(["Default model, ours", *cells(default, COLUMNS)])
-    sentences = _readme_sentences(report.rows[0], default)
+    sentences = _readme_sentences(report.rows, default)
     return f"{pipe_table(['Variant', *headings(COLUMNS)], rows)}\n\n{sentences}"
 
 
@@ -127,9 +127,15 @@ def _own(row: VariantRow, report: AblationReport) -> list[str]:
     return [f"{title}, ours", *cells(row.metrics, COLUMNS, row.spread)]
 
 
-def _readme_sentences(row: VariantRow, default: MetricValues) -> str:
-    shown, detector = (row.batch_size * steps for steps in (row.steps, row.detector_steps))
-    before = f"; C and D started from a detector that had seen {detector:,}" if detector else ""
+def _readme_sentences(rows: Sequence[VariantRow], default: MetricValues) -> str:
+    row = rows[0]
+    shown = row.batch_size * row.steps
+    detector = row.batch_size * max(one.detector_steps for one in rows)
+    before = (
+        f"; the paper's variants started from a detector that had seen {detector:,}"
+        if detector
+        else ""
+    )
     return (
         f"Training and test images: {row.training_images:,} and {row.test_images:,}; in the paper "
         f"{TRAINING_IMAGES:,} and {TEST_IMAGES:,}.\n"

@@ -81,8 +81,8 @@ def _cells(values: Mapping[str, float | int | None]) -> list[str]:
 
 
 def full_training(best: SweepRun) -> str:
-    """The command that repeats a run with its profile's own sizes, or after a sweep with the
-    profile `smoke` with those of params.yaml, outside of the sweep."""
+    """The command that repeats a run outside of the sweep, without what made it shorter: sizes and
+    a time limit of its own, and the profile `smoke`."""
     shorter = ("profiles.", "profile=smoke", "training.max_hours=", "hydra")
     kept = [one for one in best.overrides if not one.startswith(shorter)]
     return shlex.join(["python", "pipelines/train.py", *kept])
