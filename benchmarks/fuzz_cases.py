@@ -22,7 +22,7 @@ from shaftpose.inference.calibration_files import read_camera
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.prediction_run import sources
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import known_camera
+from shaftpose.inference.views import views
 from shaftpose.network.checkpoint import identity_of
 
 Read = Callable[[Path, Generator], None]
@@ -82,9 +82,10 @@ def camera(folder: Path, rng: Generator) -> None:
     path = folder / "cam.yaml"
     path.write_text(odd_text(CAMERA, rng))
     found = read_camera(path, lambda _: None)
-    view = known_camera(found, MODEL, MODEL.width if rng.integers(2) else None, lambda _: None)
+    frame_px = MODEL.width if rng.integers(2) else None
+    view = views(found, MODEL, frame_px, None, lambda _: None)
     ends = np.array([[0.0, 0.0], [MODEL.width, MODEL.height]])
-    assert np.isfinite(view(*(found.size or (640, 480))).image_px(ends)).all()
+    assert np.isfinite(view(*(found.size or (640, 480)), 1.0).image_px(ends)).all()
 
 
 def model(folder: Path, rng: Generator) -> None:

@@ -29,7 +29,7 @@ from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.views import unknown_camera
+from shaftpose.inference.views import views
 from shaftpose.settings.choices import Refinement
 
 ROOT = Path(__file__).parents[1]
@@ -96,8 +96,8 @@ def networks() -> dict[tuple[str, str], Run]:
 def network(path: Path) -> Run:
     """A network alone."""
     opened, model = open_network(path, "onnxruntime"), Predictor(path)
-    view = unknown_camera(model.camera, model.frame_px, lambda _: None)(WIDTH, HEIGHT)
-    small = np.asarray(view.picture(next(frames())), np.uint8)[None]
+    view = views(None, model.camera, model.frame_px, None, lambda _: None)(WIDTH, HEIGHT, 1.0)
+    small = view.picture(next(frames())).rgb[None]
     return lambda _: opened.run(opened.outputs, small)
 
 

@@ -21,13 +21,18 @@ from shaftpose.evaluation.whole_frames import (
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata, checksum
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import central_square, whole_frame
+from shaftpose.inference.views import View, views
 from shaftpose.refinement.contour import Shaft
 from tests.conftest import BOXES, POSES, SIDE
 
 MODEL = Camera.from_field_of_view(SIDE, SIDE, 95.0)
 SHAFT = Shaft(3.0)
 METADATA = ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat")
+
+
+def view_of(width: int, height: int, frame_px: int | None) -> View:
+    """The view of an unknown camera's frames."""
+    return views(None, MODEL, frame_px, None, lambda _: None)(width, height, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -39,7 +44,7 @@ METADATA = ModelMetadata(0.5, 95.0, 3.0, 150.0, "flat")
     ],
 )
 def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
-    view = whole_frame(2 * SIDE, 2 * SIDE, SIDE)
+    view = view_of(2 * SIDE, 2 * SIDE, SIDE)
     found = convex_mask(outline_px(pose, SHAFT, view), (2 * SIDE, 2 * SIDE))
     seen = np.isfinite(cylinder_depth(view.camera.enlarged(2), pose, 3.0, 150.0))
     assert (found & seen).sum() / (found | seen).sum() > 0.97
@@ -47,14 +52,14 @@ def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
 
 def test_an_outline_lies_where_the_view_shows_it() -> None:
     pose = ShaftPose(0.0, 0.0, 15.0, 85.0, 45.0)
-    square = outline_px(pose, SHAFT, central_square(SIDE, SIDE, MODEL))
-    in_wide = outline_px(pose, SHAFT, central_square(SIDE + 100, SIDE, MODEL))
+    square = outline_px(pose, SHAFT, view_of(SIDE, SIDE, None))
+    in_wide = outline_px(pose, SHAFT, view_of(SIDE + 100, SIDE, None))
     np.testing.assert_allclose(in_wide, square + [50, 0])
 
 
 def test_a_shaft_out_of_sight_has_no_mask() -> None:
     behind = ShaftPose(0.0, 0.0, -5.0, 70.0, 0.0)
-    outline = outline_px(behind, SHAFT, central_square(SIDE, SIDE, MODEL))
+    outline = outline_px(behind, SHAFT, view_of(SIDE, SIDE, None))
     assert not convex_mask(outline, (SIDE, SIDE)).any()
 
 
@@ -122,7 +127,7 @@ def test_tools_are_found_in_a_frames_pixels() -> None:
     rgb = np.zeros((2 * SIDE, 1200, 3), dtype=np.uint8)
     rgb[:, 200:1000] = 60
     rgb[400:, 200:400] = 255
-    bright, view = Bright(), whole_frame(1200, 2 * SIDE, SIDE)
+    bright, view = Bright(), view_of(1200, 2 * SIDE, SIDE)
     found = tool_mask(cast(Predictor, bright), rgb, view)
     assert found is not None
     assert found.shape == rgb.shape[:2]

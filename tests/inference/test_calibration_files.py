@@ -270,10 +270,10 @@ def test_a_calibration_is_for_frames_of_its_own_size(tmp_path: Path) -> None:
 
 def test_an_angle_that_no_camera_has_is_named() -> None:
     with pytest.raises(InputError, match="a focal length of .* px is not that of frames"):
-        stated_view(1e-5)(640, 480)
+        stated_view(1e-5)(640, 480, 1.0)
 
 
 def test_a_stated_view_is_that_of_the_central_square() -> None:
     """At 90 deg the focal length is half of the shorter side."""
-    camera = stated_view(90.0)(1920, 1080)
+    camera = stated_view(90.0)(1920, 1080, 1.0)
     assert camera.matrix == pytest.approx(np.array([[540, 0, 959.5], [0, 540, 539.5], [0, 0, 1]]))

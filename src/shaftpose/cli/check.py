@@ -93,7 +93,7 @@ def camera(path: Path, name: str) -> str:
     from shaftpose.inference.calibration_files import read_camera
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
-    from shaftpose.inference.views import known_camera
+    from shaftpose.inference.views import views
 
     notes: list[str] = []
     with model_file(name) as file:
@@ -101,9 +101,8 @@ def camera(path: Path, name: str) -> str:
     if stated.size is None:
         raise InputError(f"{path}: states no image_width and image_height; add them")
     (width, height), own = stated.size, stated(*stated.size)
-    seen = known_camera(stated, predictor.camera, predictor.frame_px, notes.append)(
-        width, height
-    ).camera
+    of_frames = views(stated, predictor.camera, predictor.frame_px, None, notes.append)
+    seen = of_frames(width, height, 1.0).camera
     lens = "fisheye" if own.fisheye else f"{own.distortion.size} coefficients"
     return "; ".join([
         f"frames of {width} x {height} px ({lens})",

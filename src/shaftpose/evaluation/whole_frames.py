@@ -11,11 +11,11 @@ from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.dataset.coco_images import CocoImage, Point, read_pixels
 from shaftpose.figures.drawing import SUBPIXEL_BITS, subpixel_grid
-from shaftpose.inference.fields import Picture, VisibleField, visible_field
+from shaftpose.inference.fields import VisibleField, visible_field
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import model_file
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, unknown_camera
+from shaftpose.inference.views import View, views
 from shaftpose.metrics.frames.comparison import FoundShafts
 from shaftpose.metrics.image_metrics import Mask
 from shaftpose.refinement.contour import Shaft, shaft_contour
@@ -43,13 +43,13 @@ class FrameModel:
             metadata.shaft_diameter_mm, metadata.shaft_length_mm, metadata.shaft_tip == "flat"
         )
         model = self._predictor
-        self._views = unknown_camera(model.camera, model.frame_px, _unsaid)
+        self._views = views(None, model.camera, model.frame_px, None, _unsaid)
 
     def __call__(self, image: CocoImage) -> FoundShafts:
         """The shafts in an image. Masks end at its visible field."""
         rgb = read_pixels(image)
         field = field_mask(rgb, image.field)
-        view, found = self._views(image.width, image.height), self._find(rgb)
+        view, found = self._views(image.width, image.height, 1.0), self._find(rgb)
         outlines = [outline_px(each.pose, self._shaft, view) for each in found]
         return FoundShafts(
             scores=np.array([each.score for each in found]),
@@ -82,7 +82,7 @@ def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
 def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
     """The pixels (H, W) of any part of an instrument in a frame that a view shows whole; None if
     the model does not say. Black borders are skipped, as for shafts."""
-    picture = Picture(view.picture(rgb), None, view.camera)
+    picture = view.picture(rgb)
     height, width = picture.rgb.shape[:2]
     field = visible_field(picture.rgb) or VisibleField((0, 0, width, height))
     found = predictor.tools(picture.within(field).rgb[None])

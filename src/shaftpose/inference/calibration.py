@@ -57,17 +57,20 @@ class Calibration:
     fisheye: bool = False
 
     @classmethod
-    def pinhole(cls, width: int, height: int, view_deg: float) -> "Calibration":
-        """A centred camera without distortion; view_deg: the angle across the central square."""
-        side_px = min(width, height)
-        focal_px = Camera.from_field_of_view(side_px, side_px, view_deg).focal_px
-        matrix = [[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]]
+    def pinhole(
+        cls, width: int, height: int, view_deg: float, aspect: float = 1.0
+    ) -> "Calibration":
+        """A centred camera without distortion; view_deg: the angle across the central square;
+        aspect: width / height of its pixels."""
+        side = min(aspect * width, height)  # in heights of a pixel
+        focal = side / (2 * np.tan(np.radians(view_deg) / 2))
+        matrix = [[focal / aspect, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
         return cls(width, height, np.array(matrix), np.zeros(0))
 
     @property
     def focal_px(self) -> float:
-        """The focal length along a row."""
-        return float(self.matrix[0, 0])
+        """The focal length along the side of a pixel that is the shorter one."""
+        return float(max(self.matrix[0, 0], self.matrix[1, 1]))
 
     def image_px(self, rays: Array) -> Array:
         """Pixels (N, 2), centres at + 0.5, of rays (N, 2): x / z and y / z.
@@ -79,6 +82,8 @@ class Calibration:
         return self._projected(followed, self.matrix) + 0.5
 
     def _projected(self, rays: Array, matrix: Array) -> Array:
+        if not len(rays):  # OpenCV returns None
+            return np.zeros((0, 2))
         points, lens = np.column_stack([rays, np.ones(len(rays))])[:, None], self.distortion
         project = cv2.fisheye.projectPoints if self.fisheye else cv2.projectPoints
         return np.asarray(project(points, np.zeros(3), np.zeros(3), matrix, lens)[0][:, 0])
@@ -89,14 +94,14 @@ class Calibration:
         near = float(np.min([centre, size - centre]))
         frames = f"frames of {self.width} x {self.height} px"
         lengths = np.diag(self.matrix)[:2] / size.max()
-        if lengths.min() < _FOCAL_LENGTHS[0] or lengths.max() > _FOCAL_LENGTHS[1]:
-            raise InputError(
-                f"a focal length of {self.focal_px:g} px is not that of {frames}; calibrate again"
-            )
         if lengths.max() > _OBLONGEST * lengths.min():
             raise InputError(
                 "focal lengths of {:g} and {:g} px are not those of one lens; calibrate "
                 "again".format(*np.diag(self.matrix)[:2])
+            )
+        if lengths.min() < _FOCAL_LENGTHS[0] or lengths.max() > _FOCAL_LENGTHS[1]:
+            raise InputError(
+                f"a focal length of {self.focal_px:g} px is not that of {frames}; calibrate again"
             )
         if near < 1:
             raise InputError(
@@ -145,11 +150,9 @@ class Calibration:
         width, height = (int(focal_px * size + 1e-3) for size in (left + right, up + down))
         return Camera(width, height, focal_px, float(focal_px * left), float(focal_px * up))
 
-    def places_of(self, camera: Camera, samples: int) -> Places:
-        """The places of `samples` x `samples` samples in each pixel of a pinhole camera that looks
-        the same way."""
-        width, height = samples * camera.width, samples * camera.height
-        matrix = np.diag([samples, samples, 1.0]) @ camera.matrix
+    def places_of(self, camera: Camera) -> Places:
+        """The places of the pixels of a pinhole camera that looks the same way."""
+        (width, height), matrix = (camera.width, camera.height), camera.matrix
         matrix[:2, 2] -= 0.5
         undistort = (cv2.fisheye if self.fisheye else cv2).initUndistortRectifyMap
         x, y = undistort(

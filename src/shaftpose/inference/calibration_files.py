@@ -12,8 +12,9 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array
 from shaftpose.inference.calibration import Calibration
 
-# The camera of frames of a width and height; raises InputError for frames of a wrong size.
-FrameCamera = Callable[[int, int], Calibration]
+# The camera of frames of a width and height, whose pixels have an aspect: width / height; raises
+# InputError for frames of a wrong size.
+FrameCamera = Callable[[int, int, float], Calibration]
 
 # The names of OpenCV's and ROS's programs.
 _SIDES = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
@@ -46,8 +47,8 @@ def stated_view(view_deg: float) -> FrameCamera:
 
     Calibration.pinhole(_USUAL_PX, _USUAL_PX, view_deg).check()
 
-    def camera(width: int, height: int) -> Calibration:
-        return Calibration.pinhole(width, height, view_deg)
+    def camera(width: int, height: int, aspect: float) -> Calibration:
+        return Calibration.pinhole(width, height, view_deg, aspect)
 
     return camera
 
@@ -66,9 +67,9 @@ class CameraFile:
     distortion: Array
     fisheye: bool
 
-    def __call__(self, width: int, height: int) -> Calibration:
-        """The camera of frames. Raises InputError if it has another size, or cannot have taken
-        them."""
+    def __call__(self, width: int, height: int, aspect: float = 1.0) -> Calibration:
+        """The camera of frames, which knows the aspect of its pixels by itself. Raises InputError
+        if it has another size, or cannot have taken them."""
         centre = self.matrix[:2, 2] + 0.5
         if self.size is None and np.any(np.abs(centre / [width, height] - 0.5) > _OFF_CENTRE):
             raise InputError(

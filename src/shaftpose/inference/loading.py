@@ -8,20 +8,11 @@ from pathlib import Path
 from typing import get_args
 
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.inference.calibration_files import read_camera, stated_view
+from shaftpose.inference.calibration_files import FrameCamera, read_camera, stated_view
 from shaftpose.inference.model_files import DEFAULT, DIAMETERS_MM, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.views import (
-    ASSUMED_VIEW_DEG,
-    Crop,
-    Views,
-    known_camera,
-    parts_of,
-    square_pixels,
-    stored_pixels,
-    unknown_camera,
-)
+from shaftpose.inference.views import ASSUMED_VIEW_DEG, Crop, views
 from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)
@@ -65,10 +56,9 @@ def load(
     if unknown:
         warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")
     least = predictor.confidence if score is None else score
-    views = _views(predictor, None if camera is None else Path(camera), view_deg, warn)
-    if crop is not None:
-        views = parts_of(views, crop)
-    return ShaftFinder(predictor, views, least, diameter_mm, not unknown, warn)
+    frame_camera = _camera(None if camera is None else Path(camera), view_deg, warn)
+    seen = views(frame_camera, predictor.camera, predictor.frame_px, crop, warn)
+    return ShaftFinder(predictor, seen, least, diameter_mm, not unknown, warn)
 
 
 def _check(
@@ -119,17 +109,11 @@ def _unknown(predictor: Predictor, camera_unknown: bool, diameter_unknown: bool)
     return unknown
 
 
-def _views(
-    predictor: Predictor, calibration: Path | None, view_deg: float | None, warn: Warn
-) -> Views:
-    """Views of the frames of the user's camera."""
-    frame_px = predictor.frame_px
+def _camera(calibration: Path | None, view_deg: float | None, warn: Warn) -> FrameCamera | None:
+    """The user's camera; None if it is unknown."""
     if calibration is not None:
-        camera = read_camera(calibration, warn)
-        return stored_pixels(known_camera(camera, predictor.camera, frame_px, warn))
-    if view_deg is not None:
-        return square_pixels(known_camera(stated_view(view_deg), predictor.camera, frame_px, warn))
-    return square_pixels(unknown_camera(predictor.camera, frame_px, warn))
+        return read_camera(calibration, warn)
+    return None if view_deg is None else stated_view(view_deg)
 
 
 @dataclass(frozen=True)

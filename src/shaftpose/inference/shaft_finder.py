@@ -9,14 +9,13 @@ from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Detections
-from shaftpose.inference.fields import LEAST_LEVEL, Picture, visible_field
+from shaftpose.inference.fields import LEAST_LEVEL, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View, Views
 from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
-_STEP_PX = 0.01  # this near to the optical axis, no lens distorts
 
 
 class ShaftFinder:
@@ -56,8 +55,7 @@ class ShaftFinder:
                 f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
             )
         view = self._views(width, height, aspect)
-        fine = view.fine_picture(rgb) if self._predictor.fits_edges else None
-        picture, corner = Picture(view.picture(rgb), fine, view.camera), np.zeros(2)
+        picture, corner = view.picture(rgb), np.zeros(2)
         field = visible_field(picture.rgb)
         if field is None:
             lit = "all black" if rgb.max() < LEAST_LEVEL else "dark in more than 95 % of it"
@@ -93,12 +91,7 @@ class ShaftFinder:
         """The intrinsic matrix (3, 3) of a frame (H, W, 3), without its lens distortion; from the
         assumed camera if the frame's is unknown."""
         height, width = rgb.shape[:2]
-        view = self._views(width, height, aspect)
-        model = view.camera
-        near = np.array([model.cx, model.cy]) + _STEP_PX * np.array([[0, 0], [1, 0], [0, 1]])
-        centre, right, below = view.image_px(near)
-        focal_x, focal_y = model.focal_px / _STEP_PX * (right - centre + below - centre)
-        return np.array([[focal_x, 0, centre[0]], [0, focal_y, centre[1]], [0, 0, 1]])
+        return self._views(width, height, aspect).frame_matrix
 
     def _in_frame(
         self,
