@@ -176,7 +176,7 @@ def networks() -> dict[str, str]:
     """
     same: dict[str, list[str]] = {}
     for path in sorted((ROOT / VARIANTS).glob("*.yaml")):
-        variant = read_variant(path.stem, ROOT)
+        variant = read_variant(path.stem, ROOT, settings("paper").size)
         if variant.pose_loss and variant.network["_target_"].endswith(SINGLE_SHOT):
             same.setdefault(str(variant.network), []).append(variant.name)
     return {", ".join(alike): alike[0] for alike in same.values()}

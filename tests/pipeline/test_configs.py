@@ -87,9 +87,9 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
 )
 def test_symmetries_need_symmetric_ranges(ranges: str, allowed: bool) -> None:
     """Of the stage's own variant, and of all that will be trained."""
-    plain = ("profile=smoke", ranges, "variants=[d]")
+    plain = ("profile=smoke", ranges, "variants=[d]", "profiles.smoke.symmetries=false")
     settings_with(*plain)
-    for mirrored in ("variant.symmetries=true", "variants=[d,e]"):
+    for mirrored in ("profiles.smoke.symmetries=true", "variants=[d,e]"):
         if allowed:
             settings_with(*plain, mirrored)
         else:

@@ -83,6 +83,7 @@ DETERMINES: dict[str, set[str]] = {
     "size.stand_in_images": {"stand-in train"},
     "size.width": PAPERS,
     "size.depth": PAPERS,
+    "size.symmetries": PAPERS,
     "size.batch_size": TRAININGS,
     "size.detector_steps": {"detector"},
     "size.steps": TRAININGS - {"detector"},
@@ -100,10 +101,10 @@ DETERMINES: dict[str, set[str]] = {
     "model_folder": set(),
 }
 
-# Values before the changes, also those that conf/trainer/cpu.yaml leaves out. E's symmetries need
-# equal ranges of x and y.
+# Values before the changes, also those that conf/trainer/cpu.yaml leaves out. Symmetries need equal
+# ranges of x and y.
 START = (
-    "profile=smoke", "variant.symmetries=false", "trainer=cpu", "+trainer.num_nodes=1",
+    "profile=smoke", "profiles.smoke.symmetries=false", "trainer=cpu", "+trainer.num_nodes=1",
     "+trainer.strategy=auto", "+trainer.sync_batchnorm=false", "+trainer.benchmark=null",
 )  # fmt: skip
 
@@ -136,6 +137,7 @@ OTHERS: dict[str, Any] = {
     "tracking.uri": "http://host",
     "tracking.experiment": "other",
     "size.width": 0.25,
+    "size.symmetries": True,
     "size.warmup_steps": 1,
     "size.optimizer": "adam",
     "size.precision": "bf16-mixed",
@@ -234,6 +236,7 @@ def test_each_setting_changes_what_it_determines_and_nothing_else(
     monkeypatch.setattr(fingerprint, "code_files", lambda _: [])
     monkeypatch.setattr(fingerprint, "_PACKAGES", ())
     configs = {name: composed(ROOT, f"variant={name}", *START) for name in sorted(TRAININGS)}
+    configs["e"].variant.symmetries = False
     every = {name: resolved_settings(config, ROOT) for name, config in configs.items()}
     sets = set_fingerprints(every["d"], library)
     trainings = {name: training_fingerprint(settings) for name, settings in every.items()}

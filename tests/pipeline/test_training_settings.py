@@ -133,8 +133,8 @@ def test_colours_change_as_the_settings_say(folder: Path) -> None:
 
 def test_symmetries_change_images_and_boxes_alike(folder: Path) -> None:
     """The bars of these images lie in their boxes, however the images are turned."""
-    plain = stream(data_of(folder))
-    turned = stream(data_of(folder, "variant.symmetries=true"))
+    plain = stream(data_of(folder, "profiles.smoke.symmetries=false"))
+    turned = stream(data_of(folder, "profiles.smoke.symmetries=true"))
     changed = 0
     for n in range(8):
         (rgb, known), (before, _) = turned[n], plain[n]

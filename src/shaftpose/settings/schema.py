@@ -270,6 +270,7 @@ class RunSize:
     stand_in_images: PositiveInt
     width: Annotated[float, Field(ge=0.1875)]
     depth: Annotated[float, Field(ge=0.17)]
+    symmetries: bool
     batch_size: PositiveInt
     detector_steps: PositiveInt
     steps: PositiveInt

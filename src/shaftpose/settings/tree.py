@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
+from omegaconf import OmegaConf
 from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
@@ -116,7 +117,8 @@ def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
             f"conf/variant/{variant.name}.yaml: symmetries = True: mirrored and rotated "
             f"shafts leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
             f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn from 0, "
-            "set symmetries to false, or do not train the variant (params.yaml: variants)"
+            "set symmetries to false (in conf/profiles.yaml; of E, in its file), or do not train "
+            "the variant (params.yaml: variants)"
         )
 
 
@@ -138,7 +140,7 @@ def check_variants(settings: Settings, root: Path) -> None:
     """
     named: dict[str, str] = {}
     for name in settings.variants:
-        chosen = read_variant(name, root)
+        chosen = read_variant(name, root, settings.size)
         if not chosen.pose_loss:
             raise InputError(
                 f"params.yaml: variants: {name!r}: learns no poses (its pose_loss is false); "
@@ -157,8 +159,12 @@ def check_variants(settings: Settings, root: Path) -> None:
         named[title] = name
 
 
-def read_variant(name: str, root: Path) -> Variant:
-    """Read the variant of a name. Raises InputError if its file is missing or a value is wrong."""
+def read_variant(name: str, root: Path, size: RunSize) -> Variant:
+    """Read the variant of a name, whose network and loss still refer to other settings.
+
+    size: what its other values may refer to. Raises InputError if its file is missing or a value is
+    wrong.
+    """
     path = root / VARIANTS / f"{name}.yaml"
     if not path.is_file():
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
@@ -166,4 +172,6 @@ def read_variant(name: str, root: Path) -> Variant:
     values, where = yaml.safe_load(path.read_text()), f"conf/variant/{name}.yaml: "
     if "name" in values:
         raise InputError(f"{where}name = {values['name']!r}: remove it, the file's name is used")
-    return parse(Variant, {**values, "name": name}, where)
+    composed = OmegaConf.create({**values, "size": vars(size)})
+    plain = {key: composed[key] for key, value in values.items() if not isinstance(value, dict)}
+    return parse(Variant, {**values, **plain, "name": name}, where)

@@ -24,11 +24,11 @@ from shaftpose.settings.tree import Settings, check_image_size
 _FREE = {"loader_workers", "images_in_memory", "checkpoint_minutes", "max_hours"}
 # Settings that leave no trace while they are off, so that older trainings stay comparable.
 _OPTIONS = {"keep_best", "patience"}
-# Sizes that a training reads only as images, as the weights that it starts from, or, in the
-# variant's file, as arguments of its network.
+# Sizes that a training reads only as images, as the weights that it starts from, or in the
+# variant's file.
 _SIZES_ELSEWHERE = {
     "sources", "variations", "images", "images_per_shard", "samples", "test_set",
-    "stand_in_images", "detector_steps", "width", "depth",
+    "stand_in_images", "detector_steps", "width", "depth", "symmetries",
 }  # fmt: skip
 # The CPU instructions that make bfloat16 faster. avx512_bf16 alone does not: a training step took
 # 1.4 times as long as in single precision.
