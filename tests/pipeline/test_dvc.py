@@ -214,6 +214,13 @@ def test_a_training_lists_the_settings_that_its_variants_file_refers_to(path: Pa
         assert any(f"{name}.".startswith(f"{key}.") for key in [*listed["params.yaml"], *sizes])
 
 
+@pytest.mark.parametrize("path", VARIANT_FILES, ids=lambda p: p.stem)
+def test_a_training_lists_all_of_its_variants_file_but_the_title(path: Path) -> None:
+    stage, name = ("detector",) * 2 if path.stem == "detector" else ("train", "${item.variant}")
+    listed = keys_listed(stage)[f"conf/variant/{name}.yaml"]
+    assert {*listed, "title"} == yaml.safe_load(path.read_text()).keys()
+
+
 def test_every_profile_has_the_listed_sizes() -> None:
     names = set(re.findall(r"\$\{profile\}\.(\w+)", (ROOT / "dvc.yaml").read_text()))
     for profile, sizes in yaml.safe_load((ROOT / "conf/profiles.yaml").read_text()).items():
