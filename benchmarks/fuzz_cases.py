@@ -19,10 +19,10 @@ from shaftpose.core.geometry import Camera
 from shaftpose.dataset.coco import read_coco
 from shaftpose.frame_sources.video_files import Span
 from shaftpose.inference.calibration_files import read_camera
+from shaftpose.inference.frame_views import views
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.prediction_run import sources
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import views
 from shaftpose.network.checkpoint import identity_of
 
 Read = Callable[[Path, Generator], None]

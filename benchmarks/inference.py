@@ -25,11 +25,11 @@ from shaftpose.core.files import write_json
 from shaftpose.core.images import Image
 from shaftpose.frame_sources.video_files import VideoFile
 from shaftpose.inference.backends import open_network
+from shaftpose.inference.frame_views import views
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import bundled_model, bundled_names
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.views import views
 from shaftpose.settings.choices import Refinement
 
 ROOT = Path(__file__).parents[1]
@@ -97,7 +97,7 @@ def network(path: Path) -> Run:
     """A network alone."""
     opened, model = open_network(path, "onnxruntime"), Predictor(path)
     view = views(None, model.camera, model.frame_px, None, lambda _: None)(WIDTH, HEIGHT, 1.0)
-    small = view.picture(next(frames())).rgb[None]
+    small = view.picture(next(frames()))[None]
     return lambda _: opened.run(opened.outputs, small)
 
 

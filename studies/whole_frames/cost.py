@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 from benchmarks.inference import peak_mib, times
 from shaftpose.core.images import resized, write_jpeg
 from shaftpose.image_files.reading import read_rgb
+from shaftpose.inference.frame_views import Crop
 from shaftpose.inference.loading import load
-from shaftpose.inference.views import Crop
 from studies.whole_frames.frames import AnnotatedFrame
 from studies.whole_frames.record import Figure
 

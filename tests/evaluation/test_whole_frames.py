@@ -19,9 +19,10 @@ from shaftpose.evaluation.whole_frames import (
     tool_mask,
 )
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.frame_views import views
 from shaftpose.inference.model_files import ModelMetadata, checksum
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, views
+from shaftpose.inference.views import View
 from shaftpose.refinement.contour import Shaft
 from tests.conftest import BOXES, POSES, SIDE
 

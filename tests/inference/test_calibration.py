@@ -75,7 +75,7 @@ def test_a_fisheye_frame_is_undistorted_and_leads_back(k1: float) -> None:
     frame = np.zeros((480, 640), np.uint8)
     cv2.circle(frame, np.rint(seen - 0.5).astype(int).tolist(), 3, 255, cv2.FILLED)
     pinhole = camera.undistorted(150.0)
-    places = camera.places_of(pinhole)
+    places = camera.places_of(pinhole, 1)
     picture = cv2.remap(frame, places.x, places.y, cv2.INTER_LINEAR)
     found = np.argwhere(picture > 128)[:, ::-1].mean(axis=0) + 0.5
     assert found == pytest.approx(150 * ray[0] + [pinhole.cx, pinhole.cy], abs=1)

@@ -6,7 +6,8 @@ import pytest
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.found_shafts import axis_points, axis_px, box_px
-from shaftpose.inference.views import View, views
+from shaftpose.inference.frame_views import views
+from shaftpose.inference.views import View
 
 MODEL = Camera.from_field_of_view(300, 300, 90.0)  # a focal length of 150 px
 

@@ -215,8 +215,7 @@ def test_a_model_without_an_edge_reader_is_fitted_to_its_mask_alone(masked_model
     store_metadata(masked_model, replace(FLAT_ROD, edge_reader=None))
     with pytest.raises(InputError, match=r"masked\.onnx: holds no edge reader.*--refine mask"):
         Predictor(masked_model)
-    refiner = Predictor(masked_model, "mask").refiner
-    assert refiner is not None and refiner.edges is None
+    assert not Predictor(masked_model, "mask").fits_edges
     store_metadata(masked_model, replace(FLAT_ROD, edge_reader=b"no model"))
     with pytest.raises(InputError, match=r"masked\.onnx: its edge reader is damaged"):
         Predictor(masked_model)

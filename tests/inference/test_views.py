@@ -11,7 +11,8 @@ from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image
 from shaftpose.inference.calibration import Calibration
 from shaftpose.inference.calibration_files import CameraFile, stated_view
-from shaftpose.inference.views import Crop, View, Views, views
+from shaftpose.inference.frame_views import Crop, Views, views
+from shaftpose.inference.views import View
 
 MODEL = Camera.from_field_of_view(299, 299, 95.0)
 
@@ -60,7 +61,7 @@ def test_a_known_camera_is_seen_as_the_models() -> None:
     matrix = np.array([[300, 0, 430], [0, 310, 380], [0, 0, 1.0]])
     camera = Calibration(840, 800, matrix, np.array([0.05, 0, 0, 0]))
     view = View(camera, MODEL)
-    found = view.picture(photograph(camera, 0.05)).rgb.astype(float)
+    found = view.picture(photograph(camera, 0.05)).astype(float)
     # The model's corners, 1.54 = tan 57 deg from the axis, are at 1.72 f = 517 px, still inside.
     assert view.covered > 0.99
     inside = np.abs(found - expected()[..., None])[2:-2, 2:-2]
@@ -71,7 +72,7 @@ def test_a_known_camera_is_seen_as_the_models() -> None:
 def test_the_models_own_camera_changes_nothing() -> None:
     image = np.random.default_rng(3).integers(0, 256, (299, 299, 3), dtype=np.uint8)
     view = View(Calibration.pinhole(299, 299, 95.0), MODEL)
-    np.testing.assert_array_equal(view.picture(image).rgb, image)
+    np.testing.assert_array_equal(view.picture(image), image)
     assert view.covered == 1.0
     assert view.image_px(np.array([[12.0, 250.5]]))[0] == pytest.approx([12.0, 250.5])
 
@@ -79,7 +80,7 @@ def test_the_models_own_camera_changes_nothing() -> None:
 def test_what_a_narrow_camera_does_not_see_is_black() -> None:
     """60 deg across 200 px: tan 30 / tan 47.5 = 0.529 of the model's side, 158 px."""
     view = View(Calibration.pinhole(200, 200, 60.0), MODEL)
-    square = view.picture(np.full((200, 200, 3), 200, dtype=np.uint8)).rgb
+    square = view.picture(np.full((200, 200, 3), 200, dtype=np.uint8))
     lit = square[..., 0] > 100
     assert lit.any(axis=0).sum() == lit.any(axis=1).sum() == pytest.approx(158, abs=1)
     assert lit[149, 149] and square[0, 0, 0] == 0
@@ -90,7 +91,7 @@ def test_nothing_is_seen_beyond_the_fold_of_a_distortion() -> None:
     """k1 = -0.3 folds at r = 1.054, between the model's sides (1.09) and its middle."""
     plain = Calibration.pinhole(600, 600, 100.0)
     view = View(Calibration(600, 600, plain.matrix, np.array([-0.3, 0, 0, 0])), MODEL)
-    square = view.picture(np.full((600, 600, 3), 200, dtype=np.uint8)).rgb
+    square = view.picture(np.full((600, 600, 3), 200, dtype=np.uint8))
     assert not square[0].any() and not square[:, 0].any()
     assert square[149, 149 + 140].all()
 
@@ -112,13 +113,13 @@ def test_the_central_square_leads_back() -> None:
     np.testing.assert_allclose(ends, [[201, 0], [799, 598], [221, 40]])
     frame = np.zeros((598, 1000, 3), dtype=np.uint8)
     frame[:, 201:799] = 50
-    assert (view.picture(frame).rgb == 50).all()
+    assert (view.picture(frame) == 50).all()
 
 
 def test_a_known_cameras_further_pixels_are_used() -> None:
     matrix = np.array([[300, 0, 430], [0, 310, 380], [0, 0, 1.0]])
     camera = Calibration(840, 800, matrix, np.array([0.05, 0, 0, 0]))
-    found = View(camera, MODEL).picture(photograph(camera, 0.05)).fine
+    found = View(camera, MODEL).fine_picture(photograph(camera, 0.05))
     assert found is not None and found.shape == (598, 598, 3)  # 300 px are 2.2 focal lengths
     assert np.abs(found - expected(2)[..., None])[4:-4, 4:-4].max() < 2.5
 
@@ -130,10 +131,10 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
     width: int, height: int, side_px: int | None
 ) -> None:
     frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    fine = central_square(width, height).picture(frame).fine
+    fine = central_square(width, height).fine_picture(frame)
     assert (None if fine is None else fine.shape) == (side_px and (side_px, side_px, 3))
     calibration = Calibration.pinhole(299, 299, 95.0)
-    assert View(calibration, MODEL).picture(frame[:299, :299]).fine is None
+    assert View(calibration, MODEL).fine_picture(frame[:299, :299]) is None
 
 
 def test_a_camera_that_sees_less_than_the_model_is_warned_of_once() -> None:
@@ -153,7 +154,7 @@ def test_a_network_of_any_size_sees_the_whole_frame_of_a_known_camera() -> None:
     assert view.camera.focal_px == MODEL.focal_px
     ends = view.image_px(np.array([[0.0, 0], [531.56, 299]]))
     np.testing.assert_allclose(ends, [[0, 0], [1920, 1080]], atol=0.2)
-    assert view.picture(np.full((1080, 1920, 3), 9, np.uint8)).rgb.min() == 9
+    assert view.picture(np.full((1080, 1920, 3), 9, np.uint8)).min() == 9
 
 
 def test_a_camera_off_its_axis_is_seen_whole() -> None:
@@ -169,7 +170,7 @@ def test_an_undistorted_picture_has_no_black_border(k1: float) -> None:
     camera = Calibration(640, 480, plain.matrix, np.array([k1, 0, 0, 0]))
     view = View(camera, camera.undistorted(200.0))
     assert view.covered > 0.999
-    assert view.picture(np.full((480, 640, 3), 9, np.uint8)).rgb.min() == 9
+    assert view.picture(np.full((480, 640, 3), 9, np.uint8)).min() == 9
     # Barrel distortion moves the ray through the middle of the right side inwards, t (1 + k1 t^2).
     tangent = view.camera.cx / 200
     reach = np.tan(np.radians(35)) * 640 / 480
@@ -185,24 +186,15 @@ def test_what_a_wide_camera_loses_is_said() -> None:
 
 
 def test_an_unknown_cameras_frame_is_scaled_to_the_models_side() -> None:
-    """1280 px of 720 are 531.6 of 299."""
     view = whole(None)(1280, 720, 1.0)
-    assert (view.camera.width, view.camera.height) == (531, 299)
-    middle = np.array([[view.camera.cx, view.camera.cy]])
-    assert view.image_px(middle)[0] == pytest.approx([640, 360])
-    fine = view.picture(np.zeros((720, 1280, 3), np.uint8)).fine
-    assert fine is not None and fine.shape == (598, 1062, 3)
-    for camera in (None, stated_view(95.0)):
+    assert (view.camera.width, view.camera.height) == (532, 299)
+    ends = view.image_px(np.array([[0.0, 0.0], [266.0, 149.5], [532.0, 299.0]]))
+    np.testing.assert_allclose(ends, [[0, 0], [640, 360], [1280, 720]], atol=1e-9)
+    fine = view.fine_picture(np.zeros((720, 1280, 3), np.uint8))
+    assert fine is not None and fine.shape == (598, 1064, 3)
+    for camera, width in ((None, 427), (stated_view(95.0), 426)):
         smaller = views(camera, MODEL, 240, None, lambda _: None)(1280, 720, 1.0)
-        assert (smaller.camera.width, smaller.camera.height) == (426, 240)
-
-
-def test_the_picture_is_the_mean_of_its_fine_pixels() -> None:
-    frame = np.random.default_rng(0).integers(0, 256, (900, 900, 3), dtype=np.uint8)
-    picture = central_square(900, 900).picture(frame)
-    assert picture.fine is not None and picture.camera == MODEL
-    means = picture.fine.reshape(299, 3, 299, 3, 3).mean(axis=(1, 3))
-    assert np.abs(picture.rgb - means).max() <= 0.51
+        assert (smaller.camera.width, smaller.camera.height) == (width, 240)
 
 
 @pytest.mark.parametrize(("width", "height", "said"), [(63, 200, "at least 64"), (600, 100, "4:1")])
@@ -232,7 +224,7 @@ def test_oblong_pixels_are_seen_as_square_ones(
     assert view.image_px(corners)[1] == pytest.approx([width, height], abs=2)
     frame = np.zeros((height, width, 3), np.uint8)
     frame[:, : width // 4] = 200
-    assert (view.picture(frame).rgb[..., 0] > 100).mean() == pytest.approx(1 / 4, abs=0.005)
+    assert (view.picture(frame)[..., 0] > 100).mean() == pytest.approx(1 / 4, abs=0.005)
 
 
 def test_a_calibration_knows_the_shape_of_its_pixels(tmp_path: Path) -> None:
@@ -245,13 +237,13 @@ def test_a_calibration_knows_the_shape_of_its_pixels(tmp_path: Path) -> None:
 def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
     parts = whole(None, (100, 50, 400, 300))
     view = parts(640, 480, 1.0)
-    assert view.image_px(np.array([[0.0, 0], [398.66, 299]])) == pytest.approx(
+    assert view.image_px(np.array([[0.0, 0], [399, 299]])) == pytest.approx(
         np.array([[100, 50], [500, 350]]), abs=0.01
     )
     assert view.frame_matrix[:2, 2] == pytest.approx([300, 200])
     frame = np.zeros((480, 640, 3), np.uint8)
     frame[50:350, 100:500] = 7
-    assert view.picture(frame).rgb.min() == 7
+    assert view.picture(frame).min() == 7
     with pytest.raises(InputError, match="320 x 240 px, which do not hold --crop 100,50,400,300"):
         parts(320, 240, 1.0)
 
@@ -259,8 +251,8 @@ def test_a_part_of_a_frame_is_seen_as_a_frame() -> None:
 def test_a_part_of_oblong_pixels_is_seen_as_square_ones() -> None:
     """300 x 288 px are 426.7 x 288 square ones, and these 442.96 x 299 of the model's."""
     view = whole(None, (60, 20, 300, 288))(720, 576, 64 / 45)
-    assert (view.camera.width, view.camera.height) == (442, 299)
-    ends = view.image_px(np.array([[0.0, 0.0], [442.963, 299.0]]))
+    assert (view.camera.width, view.camera.height) == (443, 299)
+    ends = view.image_px(np.array([[0.0, 0.0], [443.0, 299.0]]))
     np.testing.assert_allclose(ends, [[60, 20], [360, 308]], atol=0.01)
 
 

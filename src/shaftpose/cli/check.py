@@ -91,9 +91,9 @@ def camera(path: Path, name: str) -> str:
     Raises InputError naming the file if it is not a calibration or states no size.
     """
     from shaftpose.inference.calibration_files import read_camera
+    from shaftpose.inference.frame_views import views
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
-    from shaftpose.inference.views import views
 
     notes: list[str] = []
     with model_file(name) as file:

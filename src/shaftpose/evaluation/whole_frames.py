@@ -11,11 +11,12 @@ from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.dataset.coco_images import CocoImage, Point, read_pixels
 from shaftpose.figures.drawing import SUBPIXEL_BITS, subpixel_grid
-from shaftpose.inference.fields import VisibleField, visible_field
+from shaftpose.inference.fields import Picture, VisibleField, visible_field
+from shaftpose.inference.frame_views import views
 from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import model_file
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, views
+from shaftpose.inference.views import View
 from shaftpose.metrics.frames.comparison import FoundShafts
 from shaftpose.metrics.image_metrics import Mask
 from shaftpose.refinement.contour import Shaft, shaft_contour
@@ -82,7 +83,7 @@ def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
 def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
     """The pixels (H, W) of any part of an instrument in a frame that a view shows whole; None if
     the model does not say. Black borders are skipped, as for shafts."""
-    picture = view.picture(rgb)
+    picture = Picture(view.picture(rgb), None, view.camera)
     height, width = picture.rgb.shape[:2]
     field = visible_field(picture.rgb) or VisibleField((0, 0, width, height))
     found = predictor.tools(picture.within(field).rgb[None])

@@ -18,7 +18,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, Camera
 
 _BORDER_RAYS = 101  # on each side of a square
-_TANGENT_STEP = 1e-6
+_TANGENT_STEP = 1e-9  # a thousandth of a pixel of the longest focal length
 _WIDEST = 2.75  # of rays in an undistorted picture, whose size grows with it: 70 deg from the axis
 _WIDEST_TANGENT = 10.0  # rays farther from the optical axis than 84 deg are never asked for
 _AXES = np.array([[-1.0, 0], [1, 0], [0, -1], [0, 1]])
@@ -60,16 +60,34 @@ class Calibration:
     def pinhole(
         cls, width: int, height: int, view_deg: float, aspect: float = 1.0
     ) -> "Calibration":
-        """A centred camera without distortion; view_deg: the angle across the central square;
-        aspect: width / height of its pixels."""
-        side = min(aspect * width, height)  # in heights of a pixel
-        focal = side / (2 * np.tan(np.radians(view_deg) / 2))
-        matrix = [[focal / aspect, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
+        """A centred camera without distortion; view_deg: the angle across the part of its frames
+        that is square in angle; aspect: width / height of its pixels."""
+        side_px = min(aspect * width, height)  # in heights of a pixel
+        focal_px = side_px / (2 * np.tan(np.radians(view_deg) / 2))
+        return cls._centred(width, height, focal_px / aspect, focal_px)
+
+    @classmethod
+    def scaled(cls, camera: Camera, width: int, height: int) -> "Calibration":
+        """The camera of frames that are a centred pinhole's image in another size."""
+        focal_x, focal_y = (
+            camera.focal_px * side / own
+            for side, own in ((width, camera.width), (height, camera.height))
+        )
+        return cls._centred(width, height, focal_x, focal_y)
+
+    @classmethod
+    def _centred(cls, width: int, height: int, focal_x: float, focal_y: float) -> "Calibration":
+        matrix = [[focal_x, 0, (width - 1) / 2], [0, focal_y, (height - 1) / 2], [0, 0, 1]]
         return cls(width, height, np.array(matrix), np.zeros(0))
 
     @property
+    def aspect(self) -> float:
+        """Width / height of a pixel."""
+        return float(self.matrix[1, 1] / self.matrix[0, 0])
+
+    @property
     def focal_px(self) -> float:
-        """The focal length along the side of a pixel that is the shorter one."""
+        """The focal length, in the shorter side of a pixel."""
         return float(max(self.matrix[0, 0], self.matrix[1, 1]))
 
     def image_px(self, rays: Array) -> Array:
@@ -93,16 +111,18 @@ class Calibration:
         size, centre = np.array([self.width, self.height]), self.matrix[:2, 2] + 0.5
         near = float(np.min([centre, size - centre]))
         frames = f"frames of {self.width} x {self.height} px"
-        lengths = np.diag(self.matrix)[:2] / size.max()
-        if lengths.max() > _OBLONGEST * lengths.min():
+        lengths = np.diag(self.matrix)[:2].tolist()
+        if max(lengths) > _OBLONGEST * min(lengths):
             raise InputError(
                 "focal lengths of {:g} and {:g} px are not those of one lens; calibrate "
-                "again".format(*np.diag(self.matrix)[:2])
+                "again".format(*lengths)
             )
-        if lengths.min() < _FOCAL_LENGTHS[0] or lengths.max() > _FOCAL_LENGTHS[1]:
-            raise InputError(
-                f"a focal length of {self.focal_px:g} px is not that of {frames}; calibrate again"
-            )
+        least, most = (size.max() * share for share in _FOCAL_LENGTHS)
+        for focal_px in lengths:
+            if not least <= focal_px <= most:
+                raise InputError(
+                    f"a focal length of {focal_px:g} px is not that of {frames}; calibrate again"
+                )
         if near < 1:
             raise InputError(
                 f"the camera's principal point {np.round(centre - 0.5, 1).tolist()} lies outside "
@@ -150,9 +170,11 @@ class Calibration:
         width, height = (int(focal_px * size + 1e-3) for size in (left + right, up + down))
         return Camera(width, height, focal_px, float(focal_px * left), float(focal_px * up))
 
-    def places_of(self, camera: Camera) -> Places:
-        """The places of the pixels of a pinhole camera that looks the same way."""
-        (width, height), matrix = (camera.width, camera.height), camera.matrix
+    def places_of(self, camera: Camera, samples: int) -> Places:
+        """The places of `samples` x `samples` samples in each pixel of a pinhole camera that looks
+        the same way."""
+        width, height = samples * camera.width, samples * camera.height
+        matrix = np.diag([samples, samples, 1.0]) @ camera.matrix
         matrix[:2, 2] -= 0.5
         undistort = (cv2.fisheye if self.fisheye else cv2).initUndistortRectifyMap
         x, y = undistort(

@@ -9,10 +9,10 @@ from typing import get_args
 
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.inference.calibration_files import FrameCamera, read_camera, stated_view
+from shaftpose.inference.frame_views import ASSUMED_VIEW_DEG, Crop, views
 from shaftpose.inference.model_files import DEFAULT, DIAMETERS_MM, model_file
 from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.shaft_finder import ShaftFinder
-from shaftpose.inference.views import ASSUMED_VIEW_DEG, Crop, views
 from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)

@@ -79,6 +79,11 @@ class Predictor:
         return threshold
 
     @property
+    def fits_edges(self) -> bool:
+        """Whether poses are fitted to the edges of images."""
+        return self.refiner is not None and self.refiner.edges is not None
+
+    @property
     def camera(self) -> Camera:
         """The camera that the model was trained for."""
         return Camera.from_field_of_view(self.side_px, self.side_px, self.metadata.view_deg)

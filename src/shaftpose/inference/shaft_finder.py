@@ -9,10 +9,11 @@ from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Detections
-from shaftpose.inference.fields import LEAST_LEVEL, visible_field
+from shaftpose.inference.fields import LEAST_LEVEL, Picture, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
+from shaftpose.inference.frame_views import Views
 from shaftpose.inference.predictor import Predictor
-from shaftpose.inference.views import View, Views
+from shaftpose.inference.views import View
 from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
@@ -55,7 +56,8 @@ class ShaftFinder:
                 f"has {width} x {height} px; scale it to at most {_LONGEST_PX:,} px a side"
             )
         view = self._views(width, height, aspect)
-        picture, corner = view.picture(rgb), np.zeros(2)
+        fine = view.fine_picture(rgb) if self._predictor.fits_edges else None
+        picture, corner = Picture(view.picture(rgb), fine, view.camera), np.zeros(2)
         field = visible_field(picture.rgb)
         if field is None:
             lit = "all black" if rgb.max() < LEAST_LEVEL else "dark in more than 95 % of it"

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from omegaconf import OmegaConf
 from pydantic import ConfigDict, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
@@ -172,6 +171,6 @@ def read_variant(name: str, root: Path, size: RunSize) -> Variant:
     values, where = yaml.safe_load(path.read_text()), f"conf/variant/{name}.yaml: "
     if "name" in values:
         raise InputError(f"{where}name = {values['name']!r}: remove it, the file's name is used")
-    composed = OmegaConf.create({**values, "size": vars(size)})
-    plain = {key: composed[key] for key, value in values.items() if not isinstance(value, dict)}
+    sizes = {f"${{size.{key}}}": value for key, value in vars(size).items()}
+    plain = {key: sizes[value] for key, value in values.items() if value in [*sizes]}
     return parse(Variant, {**values, **plain, "name": name}, where)
