@@ -133,3 +133,9 @@ def test_what_is_cut_from_frames_is_said() -> None:
     assert fisheye(265.0).cuts() == []
     (cut,) = fisheye(255.0).cuts()
     assert cut.startswith("frames of 640 x 480 px see more than 140 deg: what lies beyond")
+
+
+def test_of_two_focal_lengths_the_wrong_one_is_named() -> None:
+    matrix = np.array([[2.0, 0, 320], [0, 5, 240], [0, 0, 1]])
+    with pytest.raises(InputError, match="a focal length of 2 px"):
+        Calibration(640, 480, matrix, np.zeros(0)).check()

@@ -205,6 +205,14 @@ def test_frames_that_are_too_small_or_too_long_are_named(
         whole(None)(width, height, 1.0)
 
 
+@pytest.mark.parametrize("view_deg", [None, 2.0, 95.0])
+@pytest.mark.parametrize("height", [64, 2598])
+def test_frames_of_just_four_to_one_are_seen(height: int, view_deg: float | None) -> None:
+    camera = None if view_deg is None else stated_view(view_deg)
+    view = views(camera, MODEL, MODEL.width, None, lambda _: None)(4 * height, height, 1.0)
+    assert view.camera.height == MODEL.height
+
+
 @pytest.mark.parametrize(
     ("width", "height", "aspect", "square"),
     [(720, 576, 64 / 45, (1024, 576)), (720, 480, 8 / 9, (640, 480))],
@@ -274,3 +282,7 @@ def test_a_network_of_squares_says_that_it_sees_the_central_one() -> None:
     assert squares(299, 299, 1.0).camera == MODEL and not warnings
     assert squares(1280, 720, 1.0) is squares(1280, 720, 1.0)
     assert len(warnings) == 1 and "this model sees squares" in warnings[0]
+    squares(405, 576, 64 / 45)  # 576 x 576 square px
+    assert len(warnings) == 1
+    squares(576, 576, 64 / 45)
+    assert len(warnings) == 2
