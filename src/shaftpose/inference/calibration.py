@@ -60,10 +60,10 @@ class Calibration:
     def pinhole(
         cls, width: int, height: int, view_deg: float, aspect: float = 1.0
     ) -> "Calibration":
-        """A centred camera without distortion; view_deg: the angle across the part of its frames
-        that is square in angle; aspect: width / height of its pixels."""
+        """A centred camera without distortion; view_deg: the angle across the central square of its
+        frames; aspect: width / height of its pixels."""
         side_px = min(aspect * width, height)  # in heights of a pixel
-        focal_px = side_px / (2 * np.tan(np.radians(view_deg) / 2))
+        focal_px = side_px * Camera.from_field_of_view(1, 1, view_deg).focal_px
         return cls._centred(width, height, focal_px / aspect, focal_px)
 
     @classmethod
