@@ -22,6 +22,7 @@ from shaftpose.network.dense.edge_reader import EdgeReader, edge_samples
 from shaftpose.network.dense.layers import Residual, conv_norm_relu
 from shaftpose.network.dense.lite0 import LEVELS, Lite0
 from shaftpose.network.dense.loss import DenseLoss
+from shaftpose.network.gradients import with_packed_gradient
 from shaftpose.network.pose_network import DecodedOutputs, MaskNetwork
 from shaftpose.refinement.contour import Shaft
 from shaftpose.settings.schema import (
@@ -88,6 +89,7 @@ class DenseNetwork(MaskNetwork):
         for level in reversed(range(len(self.up))):
             fine = levels[level]
             x = functional.interpolate(x, size=fine.shape[-2:], mode="bilinear")
+            x = with_packed_gradient(x) if self.training else x
             x = self.up[level](torch.cat([x, fine], dim=1))
             if level == 1:
                 maps = self.maps(x)

@@ -6,6 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from shaftpose.network.gradients import with_packed_gradient
+
 Size = int | tuple[int, int]
 
 
@@ -31,14 +33,7 @@ class ConvBNReLU(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(B, in_channels, h, w) -> (B, channels, h', w')."""
         result: Tensor = self.activation(self.norm(self.conv(x)))
-        if self.training and result.requires_grad:
-            # Concatenation returns slices of its gradient, which slow ReLU's backward on a CPU.
-            result.register_hook(_packed)
-        return result
-
-
-def _packed(gradient: Tensor) -> Tensor:
-    return gradient.contiguous(memory_format=torch.channels_last)
+        return with_packed_gradient(result) if self.training else result
 
 
 @dataclass(frozen=True)
