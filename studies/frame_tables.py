@@ -10,13 +10,15 @@ from shaftpose.metrics.frames.measures import Estimate, FrameMetrics
 from shaftpose.metrics.table import Metric, metrics_named
 from shaftpose.report.cells import headings, show, show_interval
 from shaftpose.stage_files import read_stage_file
-from studies.real_frames import GALLERY, RECORDS, TEST, VALIDATION, Runs, label, runs_of
+from studies.real_frames import GALLERY, RECORDS, TEST, TISSUE, VALIDATION, Runs, label, runs_of
 
 BOXES = metrics_named("box_ap50", "mask_ap50", "box_recall", "box_precision")
 AXES = metrics_named("axis_recall", "axis_precision", "axis_recall_at_precision")
 MASKS = metrics_named("pq", "shaft_iou", "image_iou")
-SCENES = metrics_named("tool_iou", "empty_detected")
+TOOLS = metrics_named("tool_iou")
 _NOTHING = "No model was measured yet. `python -m studies.real_frames` measures one."
+_EMPTY = "empty_detected"
+_TISSUE = "Squares of tissue, without a tool"
 _GALLERY = (
     "![Worst frames](../{path})\n\n*The frames with the most missed and false shafts: annotated "
     "outlines green, found ones yellow. The captions name model, file and part. Frames: "
@@ -28,12 +30,15 @@ _GALLERY = (
 def frame_blocks(root: Path) -> str:
     """How often the test part was run, the tables of both parts, and the gallery below `root`."""
     records = root / RECORDS
-    results = {part: results_of(records, part) for part in (TEST, VALIDATION)}
-    if not any(results.values()):
-        return _NOTHING
+    parts = (TEST, "The test part"), (VALIDATION, "The validation part"), (TISSUE, _TISSUE)
+    results = [(part, title, results_of(records, part)) for part, title in parts]
     tables = [
-        f"**The {part} part**\n\n{part_tables(found)}" for part, found in results.items() if found
+        f"**{title}**\n\n{_tissue_table(found) if part == TISSUE else part_tables(found)}"
+        for part, title, found in results
+        if found
     ]
+    if not tables:
+        return _NOTHING
     drawn = [_GALLERY.format(path=RECORDS / GALLERY)] if (records / GALLERY).is_file() else []
     groups = "; ".join(f"{name}: {meaning}" for name, meaning in GROUPS.items())
     intervals = "In brackets: 95 % intervals (bootstrap over operations)."
@@ -58,17 +63,27 @@ def runs_sentence(runs: Runs) -> str:
 
 
 def part_tables(results: Sequence[FrameResults]) -> str:
-    """Tables of boxes, axes and masks by group, and one of scenes, one row for each model."""
+    """Tables of boxes, axes and masks by group, and one of tools, one row for each model."""
     tables = [_table(results, metrics, ("shafts",)) for metrics in (BOXES, AXES)]
     tables.append(_table(results, MASKS, ("shafts", "missed", "false")))
-    whole = [(one, one.groups[ALL]) for one in results]
-    scenes = [
-        [_model(one), *(show(getattr(every.counts, name), 0) for name in ("frames", "operations")),
-         *_cells(every, SCENES)]
-        for one, every in whole
-    ]  # fmt: skip
-    tables.append(pipe_table(["Model", "Frames", "Operations", *headings(SCENES)], scenes))
+    scenes = [[*_scene(one), *_cells(one.groups[ALL], TOOLS)] for one in results]
+    tables.append(pipe_table(["Model", "Frames", "Operations", *headings(TOOLS)], scenes))
     return "\n\n".join(tables)
+
+
+def _tissue_table(results: Sequence[FrameResults]) -> str:
+    """A table of images without a tool: a number, as the bootstrap has no interval for none."""
+    shares = [one.groups[ALL].metrics[_EMPTY].value or 0.0 for one in results]
+    rows = [
+        [*_scene(one), show(round(share * one.groups[ALL].counts.frames), 0)]
+        for one, share in zip(results, shares, strict=True)
+    ]
+    return pipe_table(["Model", "Squares", "Operations", "With a detection"], rows)
+
+
+def _scene(one: FrameResults) -> list[str]:
+    counts = one.groups[ALL].counts
+    return [_model(one), show(counts.frames, 0), show(counts.operations, 0)]
 
 
 def _table(

@@ -4,7 +4,8 @@
 `FOLDER/validation.json` from `shaftpose real fetch`. It writes the results to `reports/real` and
 draws the worst frames, `reports/real/gallery.jpg`. `make results` shows both in
 docs/real_images.md. Choices are made by the validation part. The test part is run once for each
-model; `reports/real/runs.json` records it.
+model; `reports/real/runs.json` records it. The part `tissue` are the squares without instruments in
+`FOLDER/backgrounds`.
 """
 
 import argparse
@@ -25,6 +26,7 @@ from shaftpose.dataset.coco_images import CocoImage
 from shaftpose.evaluation.frame_gallery import gallery
 from shaftpose.evaluation.frame_results import FrameResults, compared_frames, metrics_by_group
 from shaftpose.evaluation.whole_frames import FrameModel
+from shaftpose.image_files.reading import read_rgb
 from shaftpose.metrics.frames.comparison import ComparedFrame
 from shaftpose.origin import origin
 from shaftpose.stage_files import read_stage_file
@@ -32,7 +34,7 @@ from shaftpose.training.fingerprint import annotated_digest
 
 RECORDS = Path("reports/real")
 RUNS, GALLERY = "runs.json", "gallery.jpg"
-VALIDATION, TEST = "validation", "test"
+VALIDATION, TEST, TISSUE = "validation", "test", "tissue"
 QUALITY = 80  # of the gallery as JPEG
 _REMEDY = "restore it from git"
 
@@ -58,7 +60,7 @@ def main() -> None:
     """Measure the model of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--data", type=Path, required=True, help="of `shaftpose real fetch`")
-    parser.add_argument("--part", choices=(VALIDATION, TEST), required=True)
+    parser.add_argument("--part", choices=(VALIDATION, TEST, TISSUE), required=True)
     parser.add_argument("--model", required=True, help="a bundled model's name, or a file")
     options = parser.parse_args()
     with exit_on_input_error():
@@ -70,9 +72,7 @@ def measure(data: Path, part: str, name: str, records: Path = RECORDS) -> Path:
 
     Raises InputError if the results of the model on the same test part are already there.
     """
-    path = data / f"{part}.json"
-    images = read_coco(path)
-    check_masks(images, path)
+    images = tissue_squares(data / "backgrounds") if part == TISSUE else _frames(data, part)
     model, digest = FrameModel(name), annotated_digest(images)
     out = records / f"{label(name, model.sha256)}-{part}.json"
     if part == TEST and out.is_file() and _was_run(records, model.sha256, digest):
@@ -89,8 +89,32 @@ def measure(data: Path, part: str, name: str, records: Path = RECORDS) -> Path:
     made = replace(origin(), command=command)
     results = FrameResults(name, model.sha256, part, digest, model.threshold, groups, made)
     write_json(out, asdict(results))
-    _draw(model, images, frames, part, records / GALLERY, out.stem)
+    if part != TISSUE:
+        _draw(model, images, frames, part, records / GALLERY, out.stem)
     return out
+
+
+def _frames(data: Path, part: str) -> list[CocoImage]:
+    path = data / f"{part}.json"
+    images = read_coco(path)
+    check_masks(images, path)
+    return images
+
+
+def tissue_squares(folder: Path) -> list[CocoImage]:
+    """The images of a folder, a folder for each operation, which show no instrument.
+
+    Raises InputError if there is none.
+    """
+    paths = sorted(folder.glob("*/*.jpg"))
+    if not paths:
+        raise InputError(f"{folder}: holds no OPERATION/*.jpg; run shaftpose real fetch")
+    return [_without_shafts(path) for path in paths]
+
+
+def _without_shafts(path: Path) -> CocoImage:
+    height, width = read_rgb(path).shape[:2]
+    return CocoImage(path, width, height, (), operation=path.parent.name)
 
 
 def label(name: str, sha256: str) -> str:

@@ -78,6 +78,24 @@ def test_results_name_the_model_the_part_and_both_digests(
     assert not (tmp_path / "real/runs.json").exists()
 
 
+def test_squares_of_tissue_show_how_often_something_is_found_where_nothing_is(
+    model: str, data: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"backgrounds: holds no OPERATION/\*\.jpg; run shaftpose"):
+        measure(data, "tissue", model, tmp_path / "reports/real")
+    for place in ("a/1.jpg", "a/2.jpg", "b/1.jpg"):
+        write_jpeg(np.full((SIDE, SIDE, 3), 120, np.uint8), data / "backgrounds" / place)
+    path = measure(data, "tissue", model, tmp_path / "reports/real")
+    every = results(path).groups["all"]  # a constant model finds something everywhere
+    assert (every.counts.frames, every.counts.operations, every.counts.shafts) == (3, 2, 0)
+    assert every.metrics["empty_detected"].value == 1
+    name = path.stem.removesuffix("-tissue")
+    block = frame_blocks(tmp_path)
+    assert "**Squares of tissue, without a tool**" in block
+    row = [line for line in block.splitlines() if line.startswith(f"| {name} ")][-1]
+    assert [cell.strip() for cell in row.split("|")[2:5]] == ["3", "2", "3"]
+
+
 def test_a_threshold_is_chosen_by_the_validation_part(model: str, data: Path) -> None:
     first, second = SCORES[:2]
     assert Predictor(Path(model)).confidence not in SCORES

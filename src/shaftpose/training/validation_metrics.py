@@ -65,6 +65,8 @@ class ValidationMetrics(Callback):
                 f"validation/{name}", value,
                 sync_dist=True, rank_zero_only=True, prog_bar=name == "mAP",
             )  # fmt: skip
+        if trainer.sanity_checking or not trainer.is_global_zero:  # two batches tell nothing
+            return
         shown = ", ".join(f"{name} {value:.3g}" for name, value in known.items())
         logger.info("step %d: %s", trainer.global_step, shown)
 
