@@ -73,12 +73,13 @@ def part_tables(results: Sequence[FrameResults]) -> str:
 
 def _tissue_table(results: Sequence[FrameResults]) -> str:
     """A table of images without a tool: a number, as the bootstrap has no interval for none."""
-    shares = [one.groups[ALL].metrics[_EMPTY].value or 0.0 for one in results]
-    rows = [
-        [*_scene(one), show(round(share * one.groups[ALL].counts.frames), 0)]
-        for one, share in zip(results, shares, strict=True)
-    ]
+    rows = [[*_scene(one), show(_detected(one.groups[ALL]), 0)] for one in results]
     return pipe_table(["Model", "Squares", "Operations", "With a detection"], rows)
+
+
+def _detected(every: FrameMetrics) -> int | None:
+    share = every.metrics[_EMPTY].value
+    return None if share is None else round(share * every.counts.frames)
 
 
 def _scene(one: FrameResults) -> list[str]:
