@@ -4,6 +4,7 @@ A network's heat map of tips has several peaks where jaws continue a shaft. The 
 show better where the shaft ends.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +22,8 @@ _ASIDE, _ASIDE_PX, _AHEAD, _ALIGNED = 1.3, 3.0, 3.0, 0.95
 def supported(
     score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
 ) -> float:
-    """The weighted geometric mean of a detection's score (weight 1) and the mask's contrast along
-    its whole outline (weight 2) and next to its tip (weight 1).
+    """The weighted geometric mean of a detection's score (weight 1), the mask's contrast along its
+    whole outline (weight 2) and next to its tip (weight 1), and its mean inside it (weight 4).
 
     The unchanged score if no outline is in the image; 0 for a pose that is not finite or lies
     behind the camera.
@@ -39,7 +40,16 @@ def supported(
     away = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1)
     near = lengths * (away < _NEAR_TIP * _radius_px(pose, shaft, camera))
     at_tip = float(contrast @ near / near.sum()) if near.any() else along
-    return float((score * along**2 * at_tip) ** 0.25)
+    return float((score * along**2 * at_tip * _mean_inside(mask, contour.points) ** 4) ** (1 / 8))
+
+
+def _mean_inside(mask: NDArray[np.float32], outline: Array) -> float:
+    """The mean of a mask (H, W) inside the convex hull of points (N, 2) px, without the pixels on
+    its edge, which a shaft covers in part, unless there are no others."""
+    hull = cv2.convexHull(np.floor(outline).astype(np.int32))
+    covered = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, (1,))
+    inside = cv2.polylines(covered.copy(), [hull], isClosed=True, color=(0,))
+    return float(cv2.mean(mask, inside if inside.any() else covered)[0])
 
 
 def distinct(poses: Array, shaft: Shaft, camera: Camera) -> list[int]:
