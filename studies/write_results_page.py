@@ -146,7 +146,7 @@ def _readme_sentences(rows: Sequence[VariantRow], default: MetricValues) -> str:
         "states none.\n"
         "The paper is silent on what [we chose](docs/conventions.md#choices): the angles' "
         "zero, the shafts' diameter and number.\n"
-        "The default model was trained on other images, for longer, and tested on "
+        "The default model was trained on further images, for longer, and tested on "
         f"{show(default['images'], 0)} others."
     )
 

@@ -76,7 +76,7 @@ SENTENCES = [
     "states none.",
     "The paper is silent on what [we chose](docs/conventions.md#choices): the angles' zero, the "
     "shafts' diameter and number.",
-    "The default model was trained on other images, for longer, and tested on 1,000 others.",
+    "The default model was trained on further images, for longer, and tested on 1,000 others.",
 ]
 
 

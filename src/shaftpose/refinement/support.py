@@ -23,7 +23,8 @@ def supported(
     score: float, pose: Array, mask: NDArray[np.float32], shaft: Shaft, camera: Camera
 ) -> float:
     """The weighted geometric mean of a detection's score (weight 1), the mask's contrast along its
-    whole outline (weight 2) and next to its tip (weight 1), and its mean inside it (weight 4).
+    whole outline (weight 2) and next to its tip (weight 1), and the mask's mean inside the outline
+    (weight 4).
 
     The unchanged score if no outline is in the image; 0 for a pose that is not finite or lies
     behind the camera.
@@ -44,8 +45,9 @@ def supported(
 
 
 def _mean_inside(mask: NDArray[np.float32], outline: Array) -> float:
-    """The mean of a mask (H, W) inside the convex hull of points (N, 2) px, without the pixels on
-    its edge, which a shaft covers in part, unless there are no others."""
+    """The mean of a mask (H, W) inside the convex hull of an outline's points (N, 2) px in the
+    image, without the pixels on its edge, which a shaft covers in part, unless there are no
+    others."""
     hull = cv2.convexHull(np.floor(outline).astype(np.int32))
     covered = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, (1,))
     inside = cv2.polylines(covered.copy(), [hull], isClosed=True, color=(0,))
