@@ -13,6 +13,11 @@ from tests.test_documented_commands import FOUND
 
 DETECTOR = ("pipelines/train.py", "variant=detector", "out=models/detector")
 ELSEWHERE = re.compile(".* trainer=(ddp|slurm)")  # several devices
+# Two processes of a training would leave the tests' process in their group.
+ALONE = {
+    "trainer.devices=2": "trainer.devices=1",
+    "+trainer.strategy=ddp": "+trainer.strategy=auto",
+}
 # The trainings of each page, in their order: some start from the result of another one.
 PAGES: dict[str, list[list[str]]] = {}
 for page, words in FOUND:
@@ -57,14 +62,14 @@ def results(project: Path) -> dict[Path, int]:
 
 
 def shortened(command: Sequence[str]) -> list[str]:
-    """A command whose sweep has two jobs."""
+    """A command in one process, whose sweep has two jobs."""
     lists = {word: values(word) for word in command if values(word)}
     kept = {word: found[: 1 if n else 2] for n, (word, found) in enumerate(lists.items())}
     words = [
         f"{word.partition('=')[0]}={','.join(kept[word])}" if word in kept else word
         for word in command
     ]
-    return [word.replace("trials=30", "trials=2") for word in words]
+    return [ALONE.get(word, word.replace("trials=30", "trials=2")) for word in words]
 
 
 def values(word: str) -> list[str]:
