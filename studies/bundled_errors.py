@@ -22,9 +22,10 @@ from shaftpose.metrics.table import MetricValues
 from shaftpose.report.accuracy_tables import ACCURACY
 from shaftpose.report.cells import cells, headings, show
 from shaftpose.stage_files import read_stage_file
+from shaftpose.training.fingerprint import rendered_digest
 from studies.pages import rewrite, with_tables
 
-RECORDS = Path("reports/bundled")
+RECORDS, IMAGES, SPLIT = Path("reports/bundled"), Path("data/render/images"), Path("data/split")
 COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by model_card.md.j2
 
 
@@ -43,11 +44,21 @@ def main() -> None:
     name = parser.parse_args().name
     card = FOLDER / f"{name}{CARD_SUFFIX}"
     with exit_on_input_error():
-        metrics = measured(Predictor(bundled_model(name)), Path("data/render/images"))
+        check(IMAGES, SPLIT, card)
+        metrics = measured(Predictor(bundled_model(name)), IMAGES)
         tables = {"errors": table(metrics)}
         rewrite(card, lambda page: with_tables(page, tables, COMMAND, card.name))
         record = BundledErrors(checksum(bundled_model(name)).decode(), metrics)
         write_json(RECORDS / f"{name}.json", asdict(record))
+
+
+def check(images: Path, split: Path, card: Path) -> None:
+    """Raise InputError if the card says that the model was trained on these images."""
+    if split.is_dir() and rendered_digest(images, split) in card.read_text():
+        raise InputError(
+            f"{images}: the images of the model's training, by {card}; render others, with another "
+            "`seed` in params.yaml"
+        )
 
 
 def recorded(root: Path, name: str = DEFAULT) -> MetricValues:

@@ -36,7 +36,8 @@ def main() -> None:
 def compare(folders: list[Path], out: Path) -> None:
     """Write a report with a row for each folder. Raises InputError if one is not evaluated."""
     settings = composed_settings(Path())
-    evaluations = {named(folder): evaluation(folder) for folder in folders}
+    places = {named(folder): folder for folder in folders}
+    evaluations = {name: evaluation(folder) for name, folder in places.items()}
     report = AblationReport(
         rows=[row for name, one in evaluations.items() for row in variant_rows(name, one)],
         constant=writing.constant_metrics(IMAGES, SPLIT),
@@ -46,7 +47,6 @@ def compare(folders: list[Path], out: Path) -> None:
     )
     connect(settings.tracking.uri, settings.tracking.experiment)
     links = {name: training_link(one.training.training_id) for name, one in evaluations.items()}
-    places = {name: folder for name, folder in zip(evaluations, folders, strict=True)}
     writing.write_report(report, evaluations, links, places, out)
 
 

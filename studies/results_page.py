@@ -22,14 +22,15 @@ def to_page(
     rounding: str,
     sweeps: Mapping[str, Table],
     benchmarks: Mapping[str, Any],
-    whole_frames: Mapping[str, str] | None = None,
+    whole_frames: Mapping[str, str],
+    docs: str,
 ) -> str:
     """The page as Markdown, by the template results.md.j2.
 
     report: the recorded run; records: trainings, possibly repeated; rounding: table of the rounding
-    errors of pose classes; sweeps: tables of sweeps, by name; benchmarks:
-    contents of result files, by name; whole_frames: tables of `python -m studies.whole_frames`, by
-    model.
+    errors of pose classes; sweeps: tables of sweeps, by name; benchmarks: contents of result files,
+    by name; whole_frames: tables of `python -m studies.whole_frames`, by model; docs: the way to
+    the documentation's folder, with a slash at its end, from a page that lies elsewhere.
     """
     return rendered(
         "results.md.j2",
@@ -41,8 +42,9 @@ def to_page(
         fewest=FEWEST,
         sweeps={name: _sweep(*table) for name, table in sweeps.items()},
         no_value=NO_VALUE,
-        whole_frames=whole_frames or {},
+        whole_frames=whole_frames,
         benchmarks={name: _benchmark(content) for name, content in benchmarks.items()},
+        docs=docs,
     )
 
 

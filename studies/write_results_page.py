@@ -7,6 +7,7 @@ from the variants' files.
 
 import argparse
 import csv
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def main() -> None:
 def write_page(trainings: Sequence[EvaluatedTraining], path: Path) -> None:
     """Write the page with its pictures."""
     with new_file(path) as part:
-        part.write_text(page(ROOT, trainings))
+        part.write_text(page(ROOT, trainings, path.parent))
     draw(repeated_figures(trainings) | swept_figures(ROOT), path.parent)
 
 
@@ -84,12 +85,13 @@ def draw(figures: Mapping[str, Figure], folder: Path) -> None:
             path.unlink()
 
 
-def page(root: Path, trainings: Sequence[EvaluatedTraining]) -> str:
-    """The page for single trainings and the results below `root`."""
+def page(root: Path, trainings: Sequence[EvaluatedTraining], folder: Path) -> str:
+    """The page in `folder` for single trainings and the results below `root`."""
     benchmarks = contents(root / "benchmarks/results")
+    docs = "" if folder == PAGE.parent else f"{os.path.relpath(PAGE.parent, folder)}/"
     return to_page(
         report_of(root), trainings, rounding_table(), sweeps(root), benchmarks,
-        whole_frame_tables(root),
+        whole_frame_tables(root), docs,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
+from shaftpose.core.errors import InputError
 from shaftpose.settings.compose import composed, composed_settings
 from shaftpose.settings.parsing import flatten
 
@@ -47,3 +48,13 @@ def test_params_and_the_command_line_choose_the_same(project: Path) -> None:
 
 def test_other_values_of_the_command_line_win(project: Path) -> None:
     assert values(project, "camera.view_deg=70")["camera.view_deg"] == 70
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [("preset=none_such", "preset=none_such: .*preset/none_such"), ("seed", "seed: .*")],
+)
+def test_what_is_no_setting_is_named(override: str, says: str) -> None:
+    with pytest.raises(InputError, match=f"^{says}") as caught:
+        composed_settings(ROOT, override)
+    assert "\n" not in str(caught.value)

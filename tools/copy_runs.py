@@ -2,6 +2,7 @@
 
 `python -m tools.copy_runs http://SERVER:5000` copies parameters, metrics, tags and files of all
 runs that the server lacks. It copies no models: `dvc repro -s -f export` logs them there again.
+After an interruption, the same command goes on: it removes the half of a run, and copies it again.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from mlflow.entities import Metric, Param, Run
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.tracking.connection import select_store, workspace
 
-_COPIED = "shaftpose.copied_from"
+_COPYING, _COPIED = "shaftpose.copying_from", "shaftpose.copied_from"  # at the start; at the end
 _PARENT = "mlflow.parentRunId"
 _MOST_METRICS, _MOST_PARAMS = 1000, 100  # in one call, MLflow's limits
 
@@ -38,8 +39,12 @@ def copy_runs(source: str, target: str) -> int:
     """Copy the runs that a tracking server or database lacks to it; returns their number."""
     old, new = MlflowClient(source), MlflowClient(target)
     names = {one.experiment_id: one.name for one in old.search_experiments()}
-    known = {run.data.tags[_COPIED]: run.info.run_id for run in every_run(new)
-             if _COPIED in run.data.tags}  # fmt: skip
+    known = {}
+    for run in every_run(new):
+        if _COPIED in run.data.tags:
+            known[run.data.tags[_COPIED]] = run.info.run_id
+        elif _COPYING in run.data.tags:
+            new.delete_run(run.info.run_id)
     before = len(known)
     for run in sorted(every_run(old), key=lambda run: run.info.start_time):  # parents first
         if run.info.run_id not in known:
@@ -70,7 +75,7 @@ def _copy(
     run: Run, old: MlflowClient, new: MlflowClient, experiment: str, known: dict[str, str]
 ) -> str:
     """Copy one run, whose parent is known; returns the copy's id."""
-    tags = run.data.tags | {_COPIED: run.info.run_id}
+    tags = run.data.tags | {_COPYING: run.info.run_id}
     if _PARENT in tags:
         tags[_PARENT] = known.get(tags[_PARENT], tags[_PARENT])
     copied = new.create_run(experiment, run.info.start_time, tags, run.info.run_name).info.run_id
@@ -85,6 +90,7 @@ def _copy(
             old.download_artifacts(run.info.run_id, "", folder)
             new.log_artifacts(copied, folder)
     new.set_terminated(copied, run.info.status, run.info.end_time)
+    new.set_tag(copied, _COPIED, run.info.run_id)
     return str(copied)
 
 

@@ -36,6 +36,10 @@ def main() -> None:
     parser.add_argument("--piece-mib", type=int, default=40, help="size of a piece (40)")
     arguments = parser.parse_intermixed_args()
     with exit_on_input_error():
+        if arguments.piece_mib < 1:
+            raise InputError(f"--piece-mib {arguments.piece_mib}: give a number above 0")
+        if arguments.wheels is not None and not arguments.wheels.is_dir():
+            raise InputError(f"--wheels {arguments.wheels}: no folder; name one with wheels")
         settings = composed_settings(ROOT, *arguments.settings)
         pack(settings, arguments.folder, arguments.wheels, arguments.piece_mib * 2**20)
 

@@ -12,7 +12,7 @@ Lengths in px are those of an image whose shorter side has 299 px.
   calls its own tip seen.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from shaftpose.core.cylinder import cylinder_depth
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.inference.found_shafts import FoundShaft
+from shaftpose.metrics.detection.matching import nearest_pairs
 from shaftpose.refinement.contour import Shaft
 from shaftpose.refinement.refiner import TipState
 from studies.whole_frames.frames import AnnotatedFrame
@@ -108,21 +109,11 @@ def _pairs(
     """
     distances = np.linalg.norm(tips_px[:, None] - found_px, axis=-1)
     distances[states != "seen"] = np.inf
-    by_tip = dict(_nearest_pairs(distances, reach_px))
+    by_tip = nearest_pairs(distances, reach_px)
     off = 1 - on
     off[(states == "seen") & counts] = np.inf
     off[list(by_tip)] = off[:, list(by_tip.values())] = np.inf
-    return by_tip, dict(_nearest_pairs(off, 1 - ON_SHAFT))
-
-
-def _nearest_pairs(distances: Array, most: float) -> Iterator[tuple[int, int]]:
-    """Pairs of row and column of distances (G, K), the least distance first, up to `most`; each row
-    and column is in one pair."""
-    left = distances.copy()
-    while left.size and left.min() <= most:
-        row, column = (int(n) for n in np.unravel_index(left.argmin(), left.shape))
-        yield row, column
-        left[row], left[:, column] = np.inf, np.inf
+    return by_tip, nearest_pairs(off, 1 - ON_SHAFT)
 
 
 def _silhouettes(camera: Camera, poses: Sequence[ShaftPose], rod: Shaft) -> Masks:

@@ -559,11 +559,12 @@ def test_show_draws_as_many_images_as_there_are(tmp_path: Path) -> None:
 
 
 def test_show_draws_real_images(tmp_path: Path) -> None:
-    """Two of different sizes: of 400 x 300 the square begins at column 50, 600 x 600 is halved."""
+    """Of different sizes: of 400 x 300 the square begins at column 50, 600 x 600 is halved."""
     content = {
         "train": (400, 300, {"bbox": [100, 100, 100, 50]}),
         "test": (600, 600, {"bbox": [100, 100, 400, 400],
                             "segmentation": [[200, 200, 400, 200, 400, 400, 200, 400]]}),
+        "validation": (300, 300, {"bbox": [10, 10, 40, 40]}),
     }  # fmt: skip
     for name, (width, height, shaft) in content.items():
         file = f"images/{name}.jpg"
@@ -575,12 +576,13 @@ def test_show_draws_real_images(tmp_path: Path) -> None:
     out = tmp_path / "sheet.jpg"
     main(["show", "dataset", str(tmp_path), "--out", str(out), "--columns", "20000"])
     sheet = lightness(out)
-    assert sheet.shape == (300, 2 * 300)
-    train, test = sheet[:, :300], sheet[:, 300:600]
+    assert sheet.shape == (300, 3 * 300)
+    train, validation, test = sheet[:, :300], sheet[:, 300:600], sheet[:, 600:]
     assert_drawn(train, [(100, 80), (149, 80), (120, 50), (120, 149)], [(120, 100), (200, 200)])
     # Its box is the extent of its mask, whatever the file says.
     outline = [(100, 150), (199, 150), (150, 100), (150, 199)]
     assert_drawn(test, outline, [(150, 150), (50, 150), (75, 75), (20, 20)])
+    assert_drawn(validation, [(10, 30), (30, 10)], [(150, 150)])
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,17 @@ def test_a_variants_file_is_checked(changed: dict[str, object], says: str, tmp_p
 
 
 @pytest.mark.parametrize(
+    ("text", "says"),
+    [("", "holds no settings; copy"), ("title: [D", "no YAML: .* line 1")],
+)
+def test_a_variants_file_without_settings_is_named(text: str, says: str, tmp_path: Path) -> None:
+    variant_file(tmp_path, "mine", "b")
+    (tmp_path / "conf/variant/mine.yaml").write_text(text)
+    with pytest.raises(InputError, match=f"^conf/variant/mine.yaml: {says}"):
+        check_variants(settings_of("mine"), tmp_path)
+
+
+@pytest.mark.parametrize(
     ("trainer", "accelerator", "devices"),
     [("auto", "auto", 1), ("cpu", "cpu", 1), ("gpu", "gpu", 1), ("ddp", "gpu", "auto")],
 )

@@ -181,7 +181,7 @@ def page(*trainings: EvaluatedTraining, sweeps: dict[str, Table] | None = None) 
         [row(7, mAP=0.5)], {}, "stand-in", Champion("d", False, "the only one"), "demo"
     )
     speed = {"speed": {"machine": {"cores": 2}, "s": [{"a": 1}]}}
-    return to_page(report, trainings, "| what classes cost |", sweeps or {}, speed)
+    return to_page(report, trainings, "| what classes cost |", sweeps or {}, speed, {}, "../docs/")
 
 
 def test_the_page_shows_means_with_their_spread_beside_the_paper():
@@ -287,6 +287,13 @@ def test_the_page_shows_sweeps():
     assert "### weights\n\n![Settings and metrics](images/sweep-weights.png)\n\n" in text
     assert "| loss.alpha | tip_mm |\n| --- | --- |\n| 0.5 | 4.5 |\n| 1.5 | - |" in text
     assert "## Sweeps" not in page()
+
+
+def test_a_page_elsewhere_links_to_the_documentation():
+    text = page(record(row(7)))
+    assert "[ablation.md](../docs/ablation.md)" in text
+    assert "![Binned errors](../docs/images/binned_errors.png)" in text
+    assert "![Learning curves](images/curves_" in text  # drawn beside the page
 
 
 def test_the_page_shows_benchmarks():

@@ -8,10 +8,12 @@ import pytest
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_json
 from shaftpose.core.shard_writer import ShardWriter, shard_name
+from shaftpose.dataset.split import Split, write_split
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata, bundled_model, checksum
 from shaftpose.inference.predictor import Predictor
-from studies.bundled_errors import RECORDS, BundledErrors, measured, recorded, table
+from shaftpose.training.fingerprint import rendered_digest
+from studies.bundled_errors import RECORDS, BundledErrors, check, measured, recorded, table
 from tests.evaluations import METRICS
 from tests.studies.conftest import SHAFT, sample
 
@@ -37,6 +39,17 @@ def test_all_images_are_measured(constant_model: Path, renders: Path) -> None:
         "the shafts that were found, with a score of at least 0.500.",
     ]
     assert lines[-1] == "| 0.900 | 1.000 | 0.50 | 0.00 | 0.00 | 0.00 | 0.00 | 0.00 | 0.50 |"
+
+
+def test_images_of_the_training_are_refused(renders: Path, tmp_path: Path) -> None:
+    split, card = tmp_path / "split", tmp_path / "card.md"
+    card.write_text("- data `0123456789abcdef`")
+    check(renders, split, card)
+    write_split(Split(["0"], ["1"], ["2"]), split)
+    check(renders, split, card)
+    card.write_text(f"- data `{rendered_digest(renders, split)}`")
+    with pytest.raises(InputError, match=f"^{renders}: the images of the model's training, by "):
+        check(renders, split, card)
 
 
 def test_a_record_of_another_model_is_refused(constant_model: Path, tmp_path: Path) -> None:

@@ -48,6 +48,25 @@ def test_a_run_is_copied_whole_and_once(source: str, tmp_path: Path) -> None:
     assert Path(page).read_text() == "a page"
 
 
+def test_an_interrupted_copy_goes_on(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = f"sqlite:///{tmp_path / 'other.db'}"
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowClient, "log_artifacts", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            copy_runs(source, target)
+    assert copy_runs(source, target) == 1  # the sweep's own run was copied
+    runs = {run.info.run_name: run for run in every_run(MlflowClient(target))}
+    assert len(runs) == len(every_run(MlflowClient(target))) == 2
+    assert runs["d"].info.status == "FINISHED"
+    assert MlflowClient(target).list_artifacts(runs["d"].info.run_id)
+
+
+def interrupted(*arguments: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_what_is_missing_is_named(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["copy_runs", "http://127.0.0.1:1"])
     with pytest.raises(SystemExit, match=r"MLflow at http://127\.0\.0\.1:1: no answer"):

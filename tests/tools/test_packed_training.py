@@ -18,7 +18,7 @@ from shaftpose.training.assembly import build_module
 from shaftpose.training.fingerprint import data_record
 from tests.pipeline.conftest import recipe_with, settings_with
 from tests.pipeline.small_data import FOLDERS, write_training_data
-from tools.pack_training import pack
+from tools.pack_training import main, pack
 from tools.unpack_training import track, unpack
 
 PIECE = 100_000
@@ -60,6 +60,9 @@ def test_a_packed_training_comes_back(project: Path) -> None:
     assert len(sizes) > 1 and max(sizes) == PIECE
     assert "training D + noise + real: 2 steps of 2 images" in run_there(there, result)
     assert "training D + noise + real: finished" in run_there(there, result)
+    pack(settings_with(*SIZES, "seed=8"), there, wheels=None, most_bytes=PIECE)
+    with pytest.raises(AssertionError, match="error: .*/pack/run is of other pieces than"):
+        run_there(there, result)
     unpack(result, out)
     record = json.loads((out / "training.json").read_text())
     assert record["data"] == asdict(data_record(FOLDERS, mixed_in=True, start=DETECTOR))
@@ -76,6 +79,19 @@ def test_a_packed_training_comes_back(project: Path) -> None:
     curves = (out / "curves.csv").read_text()
     for name in ("train/loss", "validation/mAP"):
         assert f"1,{name},{run.data.metrics[name]}" in curves
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [("--piece-mib=0", "--piece-mib 0: give a number above 0"),
+     ("--wheels=none", "--wheels none: no folder; name one with wheels")],
+)  # fmt: skip
+def test_a_wrong_option_is_named(
+    option: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["pack_training", str(tmp_path), option])
+    with pytest.raises(SystemExit, match=says):
+        main()
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,8 @@ def run(options: argparse.Namespace) -> None:
 
 def real_images(folder: Path) -> list["CocoImage"]:
     """The images in the COCO files of a folder; none without such files."""
-    files = [file for name in ("train.json", "test.json") if (file := folder / name).is_file()]
+    parts = ("train.json", "validation.json", "test.json")
+    files = [file for name in parts if (file := folder / name).is_file()]
     if not files:  # rendered images need no packages of the extra
         return []
     with _needing("train"):

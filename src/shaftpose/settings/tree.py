@@ -161,14 +161,20 @@ def check_variants(settings: Settings, root: Path) -> None:
 def read_variant(name: str, root: Path, size: RunSize) -> Variant:
     """Read the variant of a name, whose network and loss still refer to other settings.
 
-    size: what its other values may refer to. Raises InputError if its file is missing or a value is
-    wrong.
+    size: what its other values may refer to. Raises InputError if its file is missing or holds no
+    settings, or a value is wrong.
     """
     path = root / VARIANTS / f"{name}.yaml"
     if not path.is_file():
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
         raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
-    values, where = yaml.safe_load(path.read_text()), f"conf/variant/{name}.yaml: "
+    where = f"conf/variant/{name}.yaml: "
+    try:
+        values = yaml.safe_load(path.read_text())
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}no YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{where}holds no settings; copy conf/variant/d.yaml and change it")
     if "name" in values:
         raise InputError(f"{where}name = {values['name']!r}: remove it, the file's name is used")
     sizes = {f"${{size.{key}}}": value for key, value in vars(size).items()}

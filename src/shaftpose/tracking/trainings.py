@@ -39,7 +39,8 @@ def training_run(
     A resumed training continues its run. parameters: nested, logged flat. dataset: name -> digest
     of the training's data; images: the name of its training images. sweep_folder: the run is
     nested in the sweep's run if `start_sweep` was called for this folder, else in that of its
-    `dvc repro`. overrides: of the command line; settings: all resolved ones, kept as a file.
+    `dvc repro`. overrides: of the command line; settings: all resolved ones, kept as a file if they
+    are known.
     """
     from lightning.pytorch.loggers import MLFlowLogger  # slow to import; only trainings need it
 
@@ -57,7 +58,8 @@ def training_run(
     ) as run:
         if known is None:
             _log_inputs(parameters, dataset, images)
-            mlflow.log_dict(as_plain(settings), "settings.yaml")
+            if settings is not None:
+                mlflow.log_dict(as_plain(settings), "settings.yaml")
         yield MLFlowLogger(
             experiment_name=mlflow.get_experiment(run.info.experiment_id).name,
             tracking_uri=mlflow.get_tracking_uri(),
