@@ -21,13 +21,13 @@ def main(settings: Settings) -> None:
     """Write `metrics.json` and `figures/` to `out`, and the report's input to `results`."""
     name, model, detection = settings.variant.name, settings.model_folder, settings.detection
     images, training = ShardedDataset(Path("data/render/images")), read_training(model)
+    curves = read_curves(model / "curves.csv")
     keys, validation = (read_keys(Path("data/split"), part) for part in ("test", "validation"))
     predictors = raw_and_refined_predictors(model / "model.onnx", detection.refine)
     thresholds = [confidence_threshold(detection.confidence_threshold, one) for one in predictors]
     results = [ModelResults(*one, images, keys) for one in zip(predictors, thresholds, strict=True)]
     strip = settings.results / "predictions.jpg"
     figures = results[-1].write_figures(settings.out / "figures", name, strip)
-    curves = read_curves(model / "curves.csv")
     result = evaluation(settings, training, curves, validation, *results)
     write_json(settings.out / "metrics.json", result.headlines(name))
     write_json(settings.results / "evaluation.json", asdict(result))

@@ -37,11 +37,12 @@ def test_source_images_are_found_sorted_and_rgb(tmp_path: Path) -> None:
     save(tmp_path / "b.PNG")
     save(tmp_path / "a" / "z.jpeg")
     save(tmp_path / "a" / "c.TIFF")
+    save(tmp_path / "a" / "d.webp").rename(tmp_path / "a" / "d")  # known by its content
     (tmp_path / "notes.txt").write_text("no image")
     found = list(decoded_images(tmp_path, image_files(tmp_path)))
     # Frames of one operation, in one subfolder, are one source.
-    assert [source for source, _ in found] == ["a", "a", "b.PNG"]
-    assert found[2][1][0, 0].tolist() == [200, 40, 30]
+    assert [source for source, _ in found] == ["a", "a", "a", "b.PNG"]
+    assert found[3][1][0, 0].tolist() == [200, 40, 30]
 
 
 def test_a_corrupt_file_is_skipped_and_named(

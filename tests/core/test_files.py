@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.files import naming_full_disk, new_file, write_csv
+from shaftpose.core.files import naming_full_disk, new_file, read_json, write_csv
 
 
 def write(path: Path, text: str) -> None:
@@ -70,3 +70,18 @@ def test_other_errors_of_a_disk_stay_what_they_are(tmp_path: Path) -> None:
 def test_a_table_has_its_headings_first(tmp_path: Path) -> None:
     write_csv(tmp_path / "a/table.csv", ["name", "value"], [["x, y", 0.5], ["z", 2]])
     assert (tmp_path / "a/table.csv").read_bytes() == b'name,value\n"x, y",0.5\nz,2\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("none.json", "missing"),
+        ("", "cannot be read .Is a directory"),
+        ("a.csv/b", "cannot be read .Not a directory"),
+        ("a.csv", "cannot be read as JSON"),
+    ],
+)
+def test_what_is_no_json_file_is_named(tmp_path: Path, name: str, says: str) -> None:
+    (tmp_path / "a.csv").write_text("step")
+    with pytest.raises(InputError, match=f"^{tmp_path / name}: {says}.*; run it again$"):
+        read_json(tmp_path / name, "run it again")

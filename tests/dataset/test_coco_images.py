@@ -169,7 +169,6 @@ def test_a_frame_tells_shafts_from_the_rest_of_tools(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.instances, expected)
     assert loaded.rgb.shape == (80, 120, 3)
     assert loaded.tips_px.tolist() == [[60, 25]]
-    assert loaded.tails_px.tolist() == [[0, 25]]
     assert loaded.field is None
 
 
@@ -182,7 +181,6 @@ def test_a_frame_is_scaled_as_a_whole_and_never_enlarged(tmp_path: Path) -> None
     assert half.rgb.shape == (40, 60, 3)
     assert half.boxes.tolist() == [[10, 10, 30, 20]]
     np.testing.assert_array_equal(half.tips_px, [[30, 15]])
-    np.testing.assert_array_equal(half.tails_px, [[np.nan, np.nan]])
     assert mask_box(half.instances == 1) == (10, 10, 30, 20)
     assert mask_box(half.instances == TOOL) == (30, 10, 40, 20)
     assert half.field is not None
@@ -205,4 +203,4 @@ def test_crowds_and_shafts_without_a_mask_are_unknown_in_a_frame(tmp_path: Path)
     expected = UNKNOWN * (1 * rectangle(10, 10, 30, 20) + rectangle(50, 40, 70, 60))
     np.testing.assert_array_equal(loaded.instances, expected)
     assert loaded.boxes.shape == (0, 4)
-    assert loaded.tips_px.shape == loaded.tails_px.shape == (0, 2)
+    assert loaded.tips_px.shape == (0, 2)

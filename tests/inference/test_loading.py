@@ -54,6 +54,17 @@ def test_a_frame_that_shows_nothing_is_said_once_for_each_source() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "frame",
+    [np.zeros((300, 400), np.uint8), np.zeros((300, 400, 4), np.uint8), np.zeros((300, 400, 3))],
+    ids=["grey", "RGBA", "decimal"],
+)
+def test_an_array_that_is_no_frame_is_refused(frame: Any) -> None:
+    find = load(view_deg=95.0, diameter_mm=3.0)
+    with pytest.raises(InputError, match=re.escape(f"{frame.shape} of {frame.dtype}; give height")):
+        find(frame)
+
+
 def test_a_frames_matrix_is_that_of_its_camera(tmp_path: Path) -> None:
     calibration = tmp_path / "cam.yaml"
     calibration.write_text(FILE)

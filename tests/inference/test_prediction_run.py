@@ -111,13 +111,14 @@ def test_films_in_a_folder_are_told(tmp_path: Path) -> None:
     assert warnings == [f"{tmp_path}: its films are left out (2, such as b.mp4); name each film"]
 
 
-def test_a_part_of_films_is_no_part_of_folders(tmp_path: Path) -> None:
+def test_a_part_of_films_is_no_part_of_folders_and_streams(tmp_path: Path) -> None:
     (tmp_path / "a.png").touch()
     warnings: list[str] = []
-    found = list(sources([str(tmp_path)], [], Span(every=5), warnings.append))
-    assert found == [ImageFile(tmp_path / "a.png")]
+    found = list(sources([str(tmp_path), "0"], [], Span(every=5), warnings.append))
+    assert found == [ImageFile(tmp_path / "a.png"), LiveStream(0)]
     assert warnings == [
-        f"{tmp_path}: --start, --end, --every: for films alone; all of its images are used"
+        f"{tmp_path}: --start, --end, --every: for films alone; all of its images are used",
+        "0: --start, --end, --every: for films alone; they change nothing here",
     ]
 
 

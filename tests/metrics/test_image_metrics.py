@@ -1,10 +1,12 @@
 """Silhouettes small enough to count by hand, and axes whose errors are known by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
-from shaftpose.core.geometry import Camera, projected_axes
+from shaftpose.core.geometry import Camera, Disc, projected_axes
 from shaftpose.core.instruments import Annotations, Detections
 from shaftpose.metrics.image_metrics import (
     ImageErrors,
@@ -100,6 +102,15 @@ def test_axes_leave_the_image_at_its_next_border_on_their_way() -> None:
     true = np.array([[[40.0, 54.0], [45.0, 53.0]], [[70.0, 130.0], [70.0, 140.0]]])
     errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [CAMERA])
     np.testing.assert_allclose(errors.axis_px, [8, 10])
+
+
+def test_axes_leave_a_round_field_at_its_rim() -> None:
+    # The first, from (40, 50) along (0.6, 0.8), leaves the circle of 30 px around (50, 50) after
+    # s px: (0.6 s - 10)^2 + (0.8 s)^2 = 900. The estimated line is y = 50.
+    camera = replace(CAMERA, field=Disc(50, 50, 60))
+    true = np.array([[[40.0, 50.0], [43.0, 54.0]], [[60.0, 60.0], [60.0, 67.0]]])
+    errors = image_errors([found([0.9, 0.8])], [Annotations(BOXES, None)], [true], [camera])
+    np.testing.assert_allclose(errors.axis_px, [0.8 * (6 + 836**0.5), 0], atol=1e-9)
 
 
 @pytest.mark.parametrize(("scores", "expected"), [([0.9, 0.4], 1), ([0.4, 0.4], 0)])

@@ -63,6 +63,17 @@ def test_a_checkpoint_stays_as_it_is(checkpoint: Path, tmp_path: Path) -> None:
         assert torch.equal(after["state_dict"][name], value), name
 
 
+def test_a_missing_last_piece_is_noticed(
+    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pieces, "CHECKPOINT_PIECE_BYTES", 4096)
+    write_checkpoint_pieces(checkpoint, tmp_path / "pieces")
+    max((tmp_path / "pieces").iterdir()).unlink()
+    with pytest.raises(InputError, match="pieces of model.ckpt make no whole file"):
+        join_checkpoint_pieces(tmp_path / "pieces", tmp_path / "back/model.ckpt")
+    assert not (tmp_path / "back/model.ckpt").exists()
+
+
 def test_convolutions_of_a_large_checkpoint_are_rounded(
     checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,10 +17,9 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.files import write_csv
 from shaftpose.core.images import Image, centre_square, write_jpeg
 from shaftpose.core.random_streams import streams
-from shaftpose.image_files.reading import read_rgb
+from shaftpose.image_files.reading import is_image, read_rgb
 from shaftpose.settings.schema import BackgroundSettings
 
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
 JPEG_QUALITY = 95
 
 log = logging.getLogger(__name__)
@@ -50,16 +49,12 @@ def image_files(folder: Path) -> list[Path]:
     """The image files below a folder, sorted by path. Raises InputError if there are none."""
     if not folder.is_dir():
         raise InputError(f"background folder {folder} does not exist: create it and put images in")
-    found = [path for path in folder.rglob("*") if _is_image_file(path)]
+    found = [path for path in folder.rglob("*") if path.is_file() and is_image(path)]
     if not found:
         raise InputError(
             f"background folder {folder} holds no images: add PNG, JPEG, BMP or TIFF files"
         )
     return sorted(found, key=lambda path: path.as_posix())
-
-
-def _is_image_file(path: Path) -> bool:
-    return path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()
 
 
 def decoded_images(folder: Path, paths: Sequence[Path]) -> Iterator[tuple[str, Image]]:

@@ -55,11 +55,13 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def read_json(path: Path, remedy: str) -> Any:
-    """Read a JSON file. Raises InputError naming it and the remedy if it is missing or damaged."""
+    """Read a JSON file. Raises InputError naming it and the remedy if it cannot be read."""
     try:
         return json.loads(path.read_text())
     except FileNotFoundError as error:
         raise InputError(f"{path}: missing; {remedy}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {remedy}") from error
     except ValueError as error:
         raise InputError(f"{path}: cannot be read as JSON ({error}); {remedy}") from error
 

@@ -170,15 +170,14 @@ class FrameImage:
     """A whole frame without poses, scaled for training.
 
     rgb: (h, w, 3). instances: (h, w), each pixel's shaft, 1, 2, ..., G; 0 for background, `TOOL`,
-    `TOOL_OR_SHAFT` or `UNKNOWN`. boxes: (G, 4) px; tips_px, tails_px: (G, 2) px, NaN where
-    unknown. field: (h, w), the visible field, None if it is not stated.
+    `TOOL_OR_SHAFT` or `UNKNOWN`. boxes: (G, 4) px; tips_px: (G, 2) px, NaN where unknown. field:
+    (h, w), the visible field, None if it is not stated.
     """
 
     rgb: Image
     instances: NDArray[np.uint8]
     boxes: NDArray[np.float64]
     tips_px: NDArray[np.float64]
-    tails_px: NDArray[np.float64]
     field: NDArray[np.bool_] | None
 
 
@@ -193,13 +192,12 @@ def load_frame(image: CocoImage, short_px: int) -> FrameImage:
     width, height = round(image.width * shrink), round(image.height * shrink)
     scale = np.array([width / image.width, height / image.height])
     shafts = [shaft for shaft in image.instruments if shaft.mask is not None]
-    axes = np.array([shaft.axis for shaft in shafts]).reshape(-1, 2, 2) * scale
+    tips = np.array([shaft.axis[0] for shaft in shafts]).reshape(-1, 2) * scale
     return FrameImage(
         rgb=resized(rgb, width, height),
-        instances=_frame_instances(image, shafts, axes[:, 0], (height, width)),
+        instances=_frame_instances(image, shafts, tips, (height, width)),
         boxes=np.array([shaft.box for shaft in shafts]).reshape(-1, 4) * np.tile(scale, 2),
-        tips_px=axes[:, 0],
-        tails_px=axes[:, 1],
+        tips_px=tips,
         field=None
         if image.field is None
         else _inside(np.array(image.field) * scale, (height, width)),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.shards import ShardedDataset
@@ -160,6 +161,9 @@ def evaluation(
 
 
 def read_curves(path: Path) -> list[tuple[int, str, float]]:
-    """The learning curves of a training, as rows of step, name, value."""
+    """The learning curves of a training, as rows of step, name, value. Raises InputError if the
+    file is missing."""
+    if not path.is_file():
+        raise InputError(f"{path}: missing; train the variant again")
     with path.open(newline="") as stream:
         return [(int(r["step"]), r["name"], float(r["value"])) for r in csv.DictReader(stream)]

@@ -13,11 +13,8 @@ import numpy as np
 
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.images import Image
-from shaftpose.image_files.formats import HEAD_BYTES, has_image_head
-from shaftpose.image_files.reading import read_rgb
+from shaftpose.image_files.reading import is_image, read_rgb
 
-# Files that are named like this are images even if their content is damaged.
-_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
 # Files that are named like this are films, or pictures that OpenCV reads as films.
 _FILMS = frozenset(
     (".avi", ".gif", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv")
@@ -95,22 +92,6 @@ class ImageFile:
     def frames(self, warn: Warn = _log.warning) -> Iterator[Frame]:
         """The image. Raises InputError naming the file if it is missing or is not an image."""
         yield Frame(self.name, 0, read_rgb(self.path, warn))
-
-
-def is_image(path: Path) -> bool:
-    """Whether a file is an image by its content or, if that is unknown, by its name."""
-    return has_image_head(_head(path)) or path.suffix.lower() in _SUFFIXES
-
-
-def _head(path: Path) -> bytes:
-    """The first bytes of a file; of a pipe, a device or an unreadable file none."""
-    try:
-        if not path.is_file():
-            return b""
-        with path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-    except (OSError, ValueError):  # a name that holds a NUL is a ValueError
-        return b""
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 from shaftpose.core.errors import InputError, Warn
-from shaftpose.frame_sources.frames import Frame, ImageFile, Source, is_image
+from shaftpose.frame_sources.frames import Frame, ImageFile, Source
 from shaftpose.frame_sources.live_streams import LiveStream
 from shaftpose.frame_sources.video_files import Span, VideoFile
+from shaftpose.image_files.reading import is_image
 
 _PATIENCE_S = 30.0
 # Playlists name other files, perhaps without end; pictures in parts come from cameras.

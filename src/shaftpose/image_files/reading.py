@@ -13,11 +13,35 @@ from numpy.typing import NDArray
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.images import Image
-from shaftpose.image_files.formats import orientation, picture_count, still
+from shaftpose.image_files.formats import (
+    HEAD_BYTES,
+    has_image_head,
+    orientation,
+    picture_count,
+    still,
+)
 from shaftpose.image_files.oddities import greatest_value, misread, oblong, overruns
 
 _MOST_BYTES = 2**30  # of an image file, which is read as a whole
+# Files that are named like this are images even if their content is damaged.
+_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
 _log = logging.getLogger(__name__)
+
+
+def is_image(path: Path) -> bool:
+    """Whether a file is an image by its content or, if that is unknown, by its name."""
+    return has_image_head(_head(path)) or path.suffix.lower() in _SUFFIXES
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file; of a pipe, a device or an unreadable file none."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except (OSError, ValueError):  # a name that holds a NUL is a ValueError
+        return b""
 
 
 def read_rgb(path: Path, warn: Warn = _log.warning) -> Image:

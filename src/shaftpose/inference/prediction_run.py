@@ -50,6 +50,8 @@ def sources(
 def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable[Source]:
     """A whole number is a camera, a name with `://` an address; all others are paths."""
     if is_live(name):
+        if span != Span():
+            warn(f"{name}: --start, --end, --every: for films alone; they change nothing here")
         return [LiveStream(int(name) if name.isdecimal() else name)]
     scheme, separator, _ = name.partition("://")
     if separator and scheme.lower() != "file":

@@ -77,5 +77,3 @@ def _read(path: Path) -> _Content:
         return _Content(dict(found["options"]), videos)
     except (TypeError, KeyError, ValueError) as error:
         raise InputError(f"{path}: damaged; {_REMEDY}") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); {_REMEDY}") from error

@@ -47,9 +47,13 @@ class ShaftFinder:
         """The shafts in a frame (H, W, 3) uint8 RGB, best score first.
 
         source: its name in warnings. aspect: width / height of its pixels, which a calibrated
-        camera knows by itself. Raises InputError if the frame does not fit the user's camera, or is
-        too large.
+        camera knows by itself. Raises InputError if the frame has another shape or type, does not
+        fit the user's camera, or is too large.
         """
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+            raise InputError(
+                f"is an array {rgb.shape} of {rgb.dtype}; give height x width x 3 of uint8, RGB"
+            )
         height, width = rgb.shape[:2]
         if max(height, width) > _LONGEST_PX:
             raise InputError(

@@ -126,10 +126,7 @@ def image_errors(
     both, exit_px = np.concatenate(pairs), np.concatenate(exits)
     of_known_axes = np.isfinite(both).all(axis=(1, 2, 3))
     both, exit_px = both[of_known_axes], exit_px[of_known_axes]
-    tips, directions = both[:, :, 0], both[:, :, 1] - both[:, :, 0]
-    directions = directions / np.maximum(
-        np.linalg.norm(directions, axis=-1, keepdims=True), _LEAST_PX
-    )
+    tips, directions = both[:, :, 0], _unit(both[:, :, 1] - both[:, :, 0])
     angles = np.degrees(np.arctan2(directions[..., 1], directions[..., 0]))
     away = exit_px - tips[:, 0]
     return ImageErrors(
@@ -139,9 +136,13 @@ def image_errors(
     )
 
 
+def _unit(ways: Array) -> Array:
+    return np.asarray(ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), _LEAST_PX))
+
+
 def _exits(axes: Array, camera: Camera) -> Array:
     """Where axes (M, 2, 2) px, on their way from the tip, leave the image, (M, 2); the tip itself
     if it lies beyond the border."""
-    tips, directions = axes[:, 0], axes[:, 1] - axes[:, 0]
+    tips, directions = axes[:, 0], _unit(axes[:, 1] - axes[:, 0])
     _, last = camera.span(tips, directions)
     return np.asarray(tips + np.maximum(last, 0) * directions)

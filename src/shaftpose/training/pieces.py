@@ -8,6 +8,7 @@ import torch
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.files import new_file
+from shaftpose.network.checkpoint import is_intact
 
 CHECKPOINT_PIECE_BYTES = 15 * 2**20
 EXACT_BYTES = 60 * 2**20  # of the largest checkpoint whose convolutions keep 32 bits
@@ -55,10 +56,18 @@ def write_checkpoint_pieces(path: Path, folder: Path) -> None:
 def join_checkpoint_pieces(folder: Path, path: Path) -> None:
     """Write the checkpoint whose pieces are in a folder, with weights of 32 bits.
 
-    Raises InputError as `join_pieces` does.
+    Raises InputError as `join_pieces` does, and if the last pieces are missing or one is damaged.
     """
-    join_pieces(folder, path)
-    _convert(path, path, torch.float32)
+    with TemporaryDirectory() as scratch:
+        joined = Path(scratch) / path.name
+        join_pieces(folder, joined)
+        if not is_intact(joined):
+            raise InputError(
+                f"{folder}: the pieces of {path.name} make no whole file: one is damaged, or the "
+                "last ones are missing; copy all of them again"
+            )
+        with new_file(path) as part:
+            _convert(joined, part, torch.float32)
 
 
 def _convert(source: Path, target: Path, kind: torch.dtype) -> None:
