@@ -41,8 +41,18 @@ _DECISIVE = (
 def run(options: argparse.Namespace) -> None:
     """Write the shafts of each frame, and draw them if asked.
 
-    Raises InputError at the end if a source failed.
+    Raises InputError if options do not go together, and at the end if a source failed.
     """
+    _check(options)
+    failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
+    if options.out is not None:
+        print(f"results are in {options.out}")
+    if failed:
+        raise InputError(f"sources that failed, see above: {failed}")
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Raise InputError if options do not go together."""
     if options.draw and options.out is None:
         raise InputError("--draw: needs a folder for the pictures; name one by --out")
     if options.rerun and options.out is None:
@@ -58,11 +68,6 @@ def run(options: argparse.Namespace) -> None:
         )
     if options.resume and (live := [name for name in options.sources if is_live(name)]):
         raise InputError(f"--resume: {live[0]} is live and cannot be continued; leave out --resume")
-    failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
-    if options.out is not None:
-        print(f"results are in {options.out}")
-    if failed:
-        raise InputError(f"sources that failed, see above: {failed}")
 
 
 def _predict_alone(options: argparse.Namespace) -> int:
