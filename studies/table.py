@@ -55,15 +55,16 @@ def scale_tables(records: Sequence[EvaluatedTraining]) -> list[ScaleTables]:
 
 def difference_table(records: Sequence[EvaluatedTraining]) -> str:
     """The settings in which the scales of these trainings differ; empty for a single scale."""
-    scales = list(by_scale(records))
-    if not (differing := distinctions(scales)):
+    scales = by_scale(records)
+    if not (differing := distinctions(list(scales))):
         return ""
     lines = [[name, *map(str, values)] for name, values in differing.items()]
-    return pipe_table(["Setting", *map(_heading, scales)], lines)
+    return pipe_table(["Setting", *(_heading(*one) for one in scales.items())], lines)
 
 
-def _heading(scale: Scale) -> str:
-    return f"{scale.training_images:,} images, {scale.steps:,} steps"
+def _heading(scale: Scale, alike: Sequence[EvaluatedTraining]) -> str:
+    turned = ", symmetries" if all(one.variant.get("symmetries") for one in alike) else ""
+    return f"{scale.training_images:,} images, {scale.steps:,} steps{turned}"
 
 
 def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
@@ -100,7 +101,7 @@ def _of_scale(scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
         f"{row.title_cell(domain_label)}: {', '.join(map(str, row.seeds))}" for row in rows
     )
     return ScaleTables(
-        heading=_heading(scale),
+        heading=_heading(scale, alike),
         sentence=scale.sentence(),
         seeds=seeds,
         table=rows_beside_paper(rows, domain_label, ACCURACY),

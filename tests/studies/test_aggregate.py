@@ -222,6 +222,11 @@ def test_a_page_says_what_sets_scales_apart():
     assert "Settings in which they differ" not in page(record(row(7)), record(row(8)))
 
 
+def test_trainings_with_mirrored_and_turned_images_say_so():
+    turned = replace(record(row(7), data="other"), variant={"symmetries": True})
+    assert "\n### 900 images, 3,000 steps, symmetries\n" in page(record(row(7)), turned)
+
+
 def test_a_setting_that_differs_is_named_once():
     one = record(row(7))
     sizes = one.recipe["size"] | {"steps": 1000, "width": 1.0}
