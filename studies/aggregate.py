@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -10,9 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shaftpose.core.errors import InputError
+from shaftpose.metrics.table import MetricValues
 from shaftpose.report.ablation import VariantRow
 from shaftpose.settings.parsing import flatten
 from studies.record import EvaluatedTraining
+
+INTERVAL = ("iou_low", "iou_high")  # of silhouettes, over the images of one training
 
 
 class Scale(NamedTuple):
@@ -131,19 +134,35 @@ def repeated(rows: Sequence[VariantRow]) -> VariantRow:
     """Trainings of one variant with different seeds, as one row.
 
     It has the mean of each metric, or None if a training lacks it, and half the range as `spread`,
-    and nothing that belongs to a single training.
-    A single training is unchanged.
+    the means of silhouettes that all trainings have, without intervals, and nothing that belongs to
+    a single training. A single training is unchanged.
     """
     if len(rows) == 1:
         return rows[0]
-    metrics: dict[str, float | int | None] = {}
-    spread: dict[str, float | int | None] = {}
-    for name in rows[0].metrics:
-        values = [value for row in rows if (value := row.metrics.get(name)) is not None]
-        complete = len(values) == len(rows)
-        metrics[name] = float(np.mean(values)) if complete else None
-        if complete:
-            spread[name] = float(np.ptp(values)) / 2
-    seeds = tuple(seed for row in rows for seed in row.seeds)
-    of_one: dict[str, Any] = {"summary": None, "depths": (), "training_id": "", "origin": None}
-    return replace(rows[0], metrics=metrics, spread=spread, seeds=seeds, **of_one)
+    known = _known_to_all([row.metrics for row in rows])
+    silhouettes = {
+        images: _means(_known_to_all([row.silhouettes.get(images, {}) for row in rows]))
+        for images in rows[0].silhouettes
+    }
+    return replace(
+        rows[0],
+        metrics=dict.fromkeys(rows[0].metrics) | _means(known),
+        spread={name: float(np.ptp(values)) / 2 for name, values in known.items()},
+        seeds=tuple(seed for row in rows for seed in row.seeds),
+        silhouettes={
+            images: {name: mean for name, mean in means.items() if name not in INTERVAL}
+            for images, means in silhouettes.items()
+            if means
+        },
+        summary=None, depths=(), training_id="", origin=None,
+    )  # fmt: skip
+
+
+def _known_to_all(rows: Sequence[MetricValues]) -> dict[str, list[float]]:
+    values = {name: [row.get(name) for row in rows] for name in rows[0]}
+    return {name: [float(v) for v in of_all if v is not None] for name, of_all in values.items()
+            if None not in of_all}  # fmt: skip
+
+
+def _means(values: Mapping[str, Sequence[float]]) -> dict[str, float | int | None]:
+    return {name: float(np.mean(of_all)) for name, of_all in values.items()}

@@ -1,9 +1,9 @@
 """Evaluate trainings of a sweep and record them for docs/results.md.
 
 `python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
-evaluates the checkpoint in each folder and writes `reports/trainings/VARIANT-SEED-ID.json`, and
-`VARIANT-SEED-ID-refined.json` for fitted poses. The settings are those of params.yaml, with the
-overrides of the training's command given by `--with`.
+evaluates the checkpoint in each folder, silhouettes included, and writes
+`reports/trainings/VARIANT-SEED-ID.json`, and `VARIANT-SEED-ID-refined.json` for fitted poses. The
+settings are those of params.yaml, with the overrides of the training's command given by `--with`.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
-from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.results import Evaluation, Silhouettes
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.report.ablation import VariantRow, variant_rows
 from shaftpose.stage_files import TrainingRecord, read_stage_file, read_training
@@ -62,7 +62,7 @@ def evaluate(folder: Path, settings: list[str]) -> None:
     fails.
     """
     places = [f"variant={variant_of(folder)}", f"model_folder={folder}", f"out={folder}"]
-    for stage in ("export", "evaluate"):
+    for stage in ("export", "evaluate", "evaluate_real"):
         script = [sys.executable, f"pipelines/{stage}.py", *places, *settings]
         if subprocess.run([*script, "detection.confidence_threshold=null"]).returncode:
             raise InputError(f"{folder}: {stage} failed, see above; give its settings by --with")
@@ -76,8 +76,9 @@ def variant_of(folder: Path) -> str:
 def record(folder: Path) -> list[Path]:
     """Write the records of the training for `make results`; returns their paths."""
     evaluation = read_stage_file(folder / "evaluation.json", Evaluation, "evaluate it again")
+    silhouettes = read_stage_file(folder / "silhouette.json", Silhouettes, "evaluate it again")
     training, paths = evaluation.training, []
-    for row in variant_rows(variant_of(folder), evaluation):
+    for row in variant_rows(variant_of(folder), evaluation, silhouettes):
         name = f"{row.variant}-{training.seed}-{training.training_id[:8]}"
         paths.append(RECORDS / f"{name}{'-refined' if row.refined else ''}.json")
         write_json(paths[-1], asdict(training_record(row, evaluation)))

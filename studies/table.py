@@ -12,7 +12,8 @@ from shaftpose.metrics.table import Metric, metrics_of
 from shaftpose.report.ablation import VariantRow
 from shaftpose.report.accuracy_tables import ACCURACY, rows_beside_paper
 from shaftpose.report.cells import MISSING, cells, headings
-from shaftpose.stage_files import STAND_IN
+from shaftpose.report.silhouette_tables import table_ii
+from shaftpose.stage_files import REAL, STAND_IN
 from studies import paper_order
 from studies.aggregate import Scale, by_scale, distinctions, rows_of
 from studies.record import EvaluatedTraining
@@ -36,14 +37,15 @@ class CommonErrors:
 
 @dataclass(frozen=True)
 class ScaleTables:
-    """Trainings of one scale: a heading, a sentence on their settings, their seeds, accuracy and
-    common errors, and paths of two pictures."""
+    """Trainings of one scale: a heading, a sentence on their settings, their seeds, accuracy,
+    common errors, silhouettes ("" if they were not measured), and paths of two pictures."""
 
     heading: str
     sentence: str
     seeds: str
     table: str
     common: CommonErrors | None
+    silhouettes: str
     curves: str
     errors: str
 
@@ -91,8 +93,10 @@ def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
 
 
 def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
-    """The domain of the trainings' real images; no title uses it if there are none."""
-    return next((record.mixed_in.domain for record in alike if record.mixed_in), STAND_IN)
+    """What the images without poses are that were mixed in or measured."""
+    mixed_in = {record.mixed_in.domain for record in alike if record.mixed_in}
+    measured = {images.partition("/")[0] for one in alike for images in one.row.silhouettes}
+    return REAL if REAL in mixed_in | measured else STAND_IN
 
 
 def _of_scale(scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
@@ -106,6 +110,7 @@ def _of_scale(scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
         seeds=seeds,
         table=rows_beside_paper(rows, domain_label, ACCURACY),
         common=_common_errors(alike, domain_label) if len(alike) > 1 else None,
+        silhouettes=table_ii(rows, domain_label) if any(row.silhouettes for row in rows) else "",
         curves=_picture(CURVES_PICTURE, scale),
         errors=_picture(ERRORS_PICTURE, scale),
     )

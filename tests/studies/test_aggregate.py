@@ -41,6 +41,21 @@ def test_mean_and_half_range_by_hand():
     assert whole.seeds == (7, 8, 9)
 
 
+def with_silhouettes(one: VariantRow, iou: float) -> VariantRow:
+    clear = {"detected_rate": 0.5, "iou": iou, "iou_low": 0.0, "iou_high": 1.0}
+    return replace(one, silhouettes={"rendered/clear": clear})
+
+
+def test_silhouettes_of_all_seeds_are_averaged():
+    first, second = with_silhouettes(row(7), 0.25), with_silhouettes(row(8), 0.5)
+    both = {"rendered/clear": {"detected_rate": 0.5, "iou": 0.375}}
+    assert repeated([first, second]).silhouettes == both
+    assert repeated([first, row(8)]).silhouettes == {}
+    assert "| rendered | D | 0.500 | 0.375 |" in page(record(first), record(second))
+    assert "0.250 (0.00 to 1.00)" in page(record(first))
+    assert "Silhouettes, as in" not in page(record(row(7)))
+
+
 FOUND = FoundInstruments(4, [0, 2, 3], {"z_mm": [0.5, 1.5, 2.5], "tip_mm": [1.0, 2.0, 6.0]})
 
 

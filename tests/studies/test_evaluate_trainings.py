@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from shaftpose.core.errors import InputError
-from shaftpose.evaluation.results import Evaluation
+from shaftpose.evaluation.results import Evaluation, Silhouettes
+from shaftpose.metrics.image_metrics import SilhouetteScore
 from studies import evaluate_trainings
 from studies import write_results_page as results_page
 from tests.evaluations import TRAINING, accuracy, evaluation, with_real
@@ -25,6 +26,9 @@ def write_training(folder: Path, evaluated: Evaluation = EVALUATION) -> Path:
     torch.save(checkpoint, trained / "model.ckpt")
     (trained / "training.json").write_text(json.dumps(asdict(evaluated.training)))
     (trained / "evaluation.json").write_text(json.dumps(asdict(evaluated)))
+    score = {"rendered/clear": SilhouetteScore(0.75, 0.25, 2, 4)}
+    measured = Silhouettes(score, score if evaluated.refined else None)
+    (trained / "silhouette.json").write_text(json.dumps(asdict(measured)))
     return trained
 
 
@@ -48,6 +52,7 @@ def test_a_record_is_found_by_the_page(tmp_path: Path, monkeypatch: pytest.Monke
     assert record.recipe == {**TRAINING.recipe, "detection": EVALUATION.detection}
     assert record.binned_errors == EVALUATION.raw.binned_errors
     assert record.found == EVALUATION.raw.found
+    assert record.row.silhouettes["rendered/clear"]["iou"] == 0.25
     assert record.curves == [(1, "validation/mAP", 0.1), (2, "validation/mAP", 0.25)]
 
 

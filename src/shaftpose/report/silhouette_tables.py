@@ -19,20 +19,21 @@ IMAGE_ERRORS = (
 )
 
 
-def table_ii(report: AblationReport) -> str:
+def table_ii(rows: Sequence[VariantRow], domain_label: str, best: VariantRow | None = None) -> str:
     """Rendered images, then real or stand-in images: "paper / ours" of each measured row.
 
-    Both domains are named: a stand-in is never shown as the paper's real images.
+    Both domains are named: a stand-in is never shown as the paper's real images. best: the row
+    whose title is bold.
     """
     # Our domain, its key in the paper's Table II, and the paper's name for it.
-    domains = ((RENDERED, RENDERED, "artificial"), (report.domain_label, REAL, REAL))
+    domains = ((RENDERED, RENDERED, "artificial"), (domain_label, REAL, REAL))
     lines = []
     for domain, paper_domain, paper_word in domains:
-        for row in report.rows:
+        for row in rows:
             if ours := _by_occlusion(row.silhouettes, domain):
                 paper = _paper_cells(row, paper_domain)
                 images = domain if paper is None else f"{paper_word} / {domain}"
-                title = row.title_cell(report.domain_label, row is report.best)
+                title = row.title_cell(domain_label, row is best)
                 lines.append([images, title, *paired(paper, _with_intervals(ours))])
     return pipe_table(["Images", "Variant", *_headings(TABLE_II)], lines)
 
