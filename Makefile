@@ -51,7 +51,7 @@ variant-%: $(READY)  ## train one of `variants` on existing data, as in `make va
 # the processes fill the cores, one more because tests wait for other processes. In the given order,
 # the longest files do not come last.
 test: $(READY)  ## run all tests, a process per core and one more
-	OMP_NUM_THREADS=1 pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder tests/pipeline/test_smoke.py tests
 
 lint: $(READY)  ## check style, format and types
 	ruff check .

@@ -24,7 +24,8 @@ def main(settings: Settings) -> None:
     rendered, lists = Path("data/render/images"), Path("data/split")
     images = first_images(rendered, lists, "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
-    store_thresholds(out / "model.onnx", rendered, lists)
+    views = settings.detection.refine == "views"
+    store_thresholds(out / "model.onnx", rendered, lists, views)
     connect(settings.tracking.uri, settings.tracking.experiment)
     training_id, path = read_training(training).training_id, out / "model.onnx"
     log_model(training_id, settings.variant.name, path, images[:1])

@@ -2,7 +2,7 @@
 
 `python -m studies.evaluate_trainings sweeps/TIME/0 sweeps/TIME/1 --with profile=bench` exports and
 evaluates the checkpoint in each folder, silhouettes included, and writes
-`reports/trainings/VARIANT-SEED-ID.json`, and `VARIANT-SEED-ID-refined.json` for fitted poses. The
+`reports/trainings/VARIANT-SEED-ID.json`, and `VARIANT-SEED-ID-refined.json` for refined poses. The
 settings are those of params.yaml, with the overrides of the training's command given by `--with`.
 """
 
@@ -86,7 +86,7 @@ def record(folder: Path) -> list[Path]:
 
 
 def training_record(row: VariantRow, evaluation: Evaluation) -> EvaluatedTraining:
-    """The record of a row of Table I. A fit is not trained: its network's record has the curves."""
+    """The record of a row of Table I. Curves are in that of the network's own poses alone."""
     training = evaluation.training
     accuracy = evaluation.refined if row.refined and evaluation.refined else evaluation.raw
     return EvaluatedTraining(

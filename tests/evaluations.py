@@ -59,11 +59,11 @@ def accuracy(**metrics: Any) -> Accuracy:
 
 
 def evaluation(title: str, training: TrainingRecord = TRAINING, **changed: Any) -> Evaluation:
-    """An evaluation without a fit."""
+    """An evaluation, by default without refined poses."""
     return Evaluation(
         title=title,
         training=training,
-        detection={"nms_iou": 0.45},
+        detection={"nms_iou": 0.45, "refine": "edges"},
         raw=changed.pop("raw", accuracy()),
         refined=changed.pop("refined", None),
         validation={**METRICS, "mAP": 0.2, "tip_mm": None},

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Camera
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
@@ -18,6 +19,7 @@ from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
 NEAR_POSE = POSES[:1] + np.array([0.5, -0.4, 1.5, 5.0, -4.0])
 ONE_SHAFT = {"boxes": np.array([[1, 2, 3, 4]]), "scores": np.array([0.75]), "poses": NEAR_POSE}
+FOCAL_PX = Camera.from_field_of_view(299, 299, VIEW_DEG).focal_px
 SHOWN = np.repeat((255 * soft_mask(POSES[0])).astype(np.uint8)[None, ..., None], 3, axis=3)
 
 
@@ -196,6 +198,26 @@ def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
         0.5,
         0.25,
     ]
+
+
+def test_poses_are_averaged_over_views_without_a_fit(masked_model: Path) -> None:
+    alone, averaged = raw_and_refined_predictors(masked_model, "views")
+    assert (alone.refiner, averaged.refiner) == (None, None)
+    with pytest.raises(InputError, match=r"no confidence threshold; export it with .*=views"):
+        _ = averaged.confidence
+    store_metadata(masked_model, replace(FLAT_ROD, views_confidence=0.25))
+    averaged = Predictor(masked_model, "views")
+    assert averaged.confidence == 0.25
+    (found,) = averaged(SHOWN)
+    # The model finds the same box near a corner in each of the eight copies.
+    assert sorted(found.boxes.tolist()) == [
+        [1, 2, 3, 4], [1, 295, 3, 297], [2, 1, 4, 3], [2, 296, 4, 298],
+        [295, 1, 297, 3], [295, 296, 297, 298], [296, 2, 298, 4], [296, 295, 298, 297],
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.scores, 0.75 / 8)
+    view = Camera.from_field_of_view(299, 299, 50.0)
+    (seen,) = averaged(SHOWN, camera=view)
+    np.testing.assert_allclose(seen.poses[:, 2] / found.poses[:, 2], view.focal_px / FOCAL_PX)
 
 
 @pytest.mark.parametrize(

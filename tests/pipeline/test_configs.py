@@ -86,14 +86,16 @@ def test_a_wrong_value_is_named_as_params_has_it(override: str, says: str) -> No
     ],
 )
 def test_symmetries_need_symmetric_ranges(ranges: str, allowed: bool) -> None:
-    """Of the stage's own variant, and of all that will be trained."""
+    """Of the stage's own variant, of all that will be trained, and of views in predictions."""
     plain = ("profile=smoke", ranges, "variants=[d]", "profiles.smoke.symmetries=false")
     settings_with(*plain)
-    for mirrored in ("profiles.smoke.symmetries=true", "variants=[d,e]"):
+    for mirrored in (
+        "profiles.smoke.symmetries=true", "variants=[d,e]", "detection.refine=views"
+    ):  # fmt: skip
         if allowed:
             settings_with(*plain, mirrored)
         else:
-            with pytest.raises(InputError, match=r"symmetries = True: .* leave poses"):
+            with pytest.raises(InputError, match=r"(s = True|refine = views): .* leave poses"):
                 settings_with(*plain, mirrored)
 
 

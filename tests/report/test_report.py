@@ -19,9 +19,10 @@ from shaftpose.metrics.summary import ErrorSummary, Summary
 from shaftpose.origin import Origin
 from shaftpose.report import page as texts
 from shaftpose.report import paper_numbers
-from shaftpose.report.ablation import AblationReport, VariantRow
+from shaftpose.report.ablation import AblationReport, VariantRow, variant_rows
 from shaftpose.report.champion import Champion
 from shaftpose.report.page import to_json, to_markdown
+from tests.evaluations import accuracy, evaluation
 
 METRICS = {"mAP": 0.8121, "detected_rate": 0.7, "x_mm": 2.345, "yaw_deg": float("nan")}
 LINKS = {"D": "http://127.0.0.1:5000/#/experiments/1/runs/ab"}
@@ -105,9 +106,18 @@ def test_an_unknown_variant_has_its_own_title_and_no_paper_row(report: AblationR
 
 
 def test_refined_poses_have_a_row_of_their_own_that_the_paper_lacks(report: AblationReport):
-    fitted = replace(row("d"), refined=True)
+    fitted = replace(row("d"), refinement="fit")
     text = to_markdown(replace(report, rows=[*report.rows, fitted]))
     assert markdown_line(text, "| D + fit |")[:4] == ["D + fit", "900", "3,000", "0.812"]
+
+
+@pytest.mark.parametrize(
+    ("refine", "title"),
+    [("mask", "D + fit"), ("edges", "D + fit"), ("views", "D + 8 views")],
+)
+def test_a_refined_row_says_how(refine: str, title: str) -> None:
+    found = replace(evaluation("D", refined=accuracy()), detection={"refine": refine})
+    assert [row.shown_title("real") for row in variant_rows("d", found)] == ["D", title]
 
 
 def test_the_scale_stands_under_the_tables(report: AblationReport):
@@ -254,7 +264,7 @@ def test_rows_say_their_weights_and_what_else_differs(report: AblationReport):
         {"noise": 0},
     )
     rows = [replace(one, settings=s) for one, s in zip(report.rows[:3], settings, strict=True)]
-    text = to_markdown(replace(report, rows=[*rows, replace(rows[0], refined=True)]))
+    text = to_markdown(replace(report, rows=[*rows, replace(rows[0], refinement="fit")]))
     section = text.partition("## What differs")[2].partition("## Table I")[0]
     table = [line.strip("| ").split(" | ") for line in section.splitlines() if "|" in line]
     assert table == [

@@ -95,7 +95,7 @@ def test_ours_stand_below_the_papers_of_the_same_name() -> None:
 
 
 def test_e_is_shown_with_fitted_poses() -> None:
-    rows = [*ROWS[:2], row("e", 0.99, "E"), replace(row("e", 0.98, "E"), refined=True)]
+    rows = [*ROWS[:2], row("e", 0.99, "E"), replace(row("e", 0.98, "E"), refinement="fit")]
     lines = readme_table(replace(REPORT, rows=rows), DEFAULT).splitlines()
     assert lines[5:7] == [
         "| D, ours | 0.900 | 0.900 | 1.50 | n/a | 1.25 | n/a | n/a |",

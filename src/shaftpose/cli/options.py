@@ -56,8 +56,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
-        help="what poses are fitted to, if the model has a mask: nothing, the mask, or the mask "
-        "and then the edges in the image, the slowest and most exact (default: edges)",
+        help="how poses are refined: not at all; if the model has a mask, fitted to it, or to it "
+        "and then to the edges in the image, the most exact (default: edges); or, of any model, "
+        "averaged over the eight mirrored and turned views of the image",
     )  # fmt: skip
     parser.add_argument(
         "--backend", choices=get_args(Backend), default="onnxruntime",

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.images import Image
+from shaftpose.core.symmetries import random_symmetry
 from shaftpose.dataset.batches import LabelledImage
-from shaftpose.dataset.geometric_transforms import random_symmetry
 from shaftpose.dataset.labelled_images import Images
 from shaftpose.dataset.random_views import random_view
 

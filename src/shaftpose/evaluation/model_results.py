@@ -143,7 +143,7 @@ def evaluation(
     raw: ModelResults,
     refined: ModelResults | None = None,
 ) -> Evaluation:
-    """The evaluation of a network's own poses and, if it has them, of its fitted poses.
+    """The evaluation of a network's own poses and, if there are any, of refined ones.
 
     validation: keys of the validation images.
     """

@@ -33,7 +33,7 @@ class Accuracy:
 class Evaluation:
     """A trained variant on the test images: `evaluation.json`.
 
-    raw: accuracy of the network's own poses; refined: of its fitted poses, None without a fit;
+    raw: accuracy of the network's own poses; refined: of refined ones, None if there are none;
     validation: metrics on the validation images, of refined poses if there are any; detection: its
     settings; curves: rows of step, name and value; origin: None in results of older versions.
     """
@@ -67,7 +67,7 @@ class Silhouettes:
     """Scores of a model's silhouettes by set of images, such as `rendered/clear`:
     `silhouette.json`.
 
-    raw: of the network's own poses; refined: of its fitted poses, None without a fit.
+    raw: of the network's own poses; refined: of refined ones, None if there are none.
     """
 
     raw: Mapping[str, SilhouetteScore]

@@ -54,18 +54,22 @@ def export_model(
     return parity
 
 
-def store_thresholds(path: Path, images: Path, lists: Path) -> None:
+def store_thresholds(path: Path, images: Path, lists: Path, views: bool) -> None:
     """Choose the confidence thresholds of a model on validation images, and store them in its file.
 
-    images: a folder of shards; lists: the folder of their split.
+    images: a folder of shards; lists: the folder of their split. views: whether one is chosen for
+    poses refined in views, which takes eight times as long.
     """
     metadata = Predictor(path, "none").metadata
-    refine: Refinement = "mask" if metadata.edge_reader is None else "edges"
-    raw, *refined = raw_and_refined_predictors(path, refine)
+    fit: Refinement = "mask" if metadata.edge_reader is None else "edges"
+    raw, *fitted = raw_and_refined_predictors(path, fit)
     metadata = replace(metadata, confidence=validated_confidence(raw, images, lists))
-    for predictor in refined:
+    for predictor in fitted:
         best = validated_confidence(predictor, images, lists)
         metadata = replace(metadata, fit_confidence=best)
+    if views:
+        best = validated_confidence(Predictor(path, "views"), images, lists)
+        metadata = replace(metadata, views_confidence=best)
     store_metadata(path, metadata)
 
 

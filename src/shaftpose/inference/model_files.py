@@ -45,7 +45,8 @@ def checksum(model: Path) -> bytes:
 DIAMETERS_MM = 1e-3, 1e3  # of shafts
 # The lowest and highest values of numbers in a model's metadata.
 _RANGES = {
-    "confidence": (0.0, 1.0), "fit_confidence": (0.0, 1.0), "view_deg": (0.1, 179.0),
+    "confidence": (0.0, 1.0), "fit_confidence": (0.0, 1.0), "views_confidence": (0.0, 1.0),
+    "view_deg": (0.1, 179.0),
     "shaft_diameter_mm": DIAMETERS_MM, "shaft_length_mm": (1e-3, 1e5),
     "low_pitch_deg": (0.0, 180.0), "high_pitch_deg": (0.0, 180.0),
 }  # fmt: skip
@@ -82,8 +83,9 @@ class ModelMetadata:
     was trained for, without which its millimetres are meaningless, and its edge reader.
 
     confidence: threshold for the network's scores. fit_confidence: threshold for the scores of
-    fitted poses, which also depend on the mask; None if poses cannot be fitted. Both were chosen on
-    validation images. view_deg: of the camera, side_px: of the training images; the defaults are
+    fitted poses, which also depend on the mask; None if poses cannot be fitted. views_confidence:
+    threshold for mean scores of eight views; None if the export did not choose one. All were chosen
+    on validation images. view_deg: of the camera, side_px: of the training images; the defaults are
     the paper's. shaft_*: None for an instrument from a CAD file. distorted: whether the camera had
     lens distortion. edge_reader: a second ONNX model in bytes, see `inference.learned_edges`; None
     for a network without one. low_pitch_deg, high_pitch_deg: range of the training images' poses;
@@ -103,6 +105,7 @@ class ModelMetadata:
     low_pitch_deg: float | None = None
     high_pitch_deg: float | None = None
     frame_px: int | None = None
+    views_confidence: float | None = None
 
     @property
     def pitches_deg(self) -> tuple[float, float] | None:

@@ -14,6 +14,7 @@ from shaftpose.core.instruments import Detections, unpadded
 from shaftpose.inference.backends import open_network
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_files import SIDES_PX, ModelMetadata, bundled_names
+from shaftpose.inference.symmetric_views import found_in_views
 from shaftpose.refinement.contour import Shaft
 from shaftpose.refinement.refiner import Refiner
 from shaftpose.settings.choices import Backend, Refinement
@@ -26,9 +27,9 @@ _PROBE_PX = 64  # side of an image on which a model of any size is tried
 class Predictor:
     """Runs an ONNX file of the export stage, and the fit of its poses.
 
-    refine: what poses are fitted to, if the model predicts a mask. backend: runs the model;
-    onnxruntime always runs its edge reader. refiner: None if poses are not fitted: without a mask,
-    for an instrument from a CAD file, for a distorting lens, or if `refine` is `none`.
+    refine: see `settings.choices`. backend: runs the model; onnxruntime always runs its edge
+    reader. refiner: None if poses are not fitted: without a mask, for an instrument from a CAD
+    file, for a distorting lens, or if `refine` is `none` or `views`.
     The model is run once on a black image. Raises InputError naming the file if it is missing or
     not such a model, or naming the backend if it is not installed.
     """
@@ -51,6 +52,7 @@ class Predictor:
         except ValueError as error:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
         self._check_run()
+        self._in_views = refine == "views"
         self.refiner = self._create_refiner(refine) if _MASK in names else None
 
     @property
@@ -70,13 +72,19 @@ class Predictor:
 
         Raises InputError naming the file if it states none.
         """
-        stated = self.metadata
+        stated, remedy = self.metadata, "export it again or set one"
         threshold = stated.confidence if self.refiner is None else stated.fit_confidence
+        if self._in_views:
+            threshold = stated.views_confidence
+            remedy = "export it with detection.refine=views or set one"
         if threshold is None:
-            raise InputError(
-                f"{self._path}: holds no confidence threshold; export it again or set one"
-            )
+            raise InputError(f"{self._path}: holds no confidence threshold; {remedy}")
         return threshold
+
+    @property
+    def refines(self) -> bool:
+        """Whether poses are other than those of one run of the network."""
+        return self._in_views or self.refiner is not None
 
     @property
     def fits_edges(self) -> bool:
@@ -101,20 +109,28 @@ class Predictor:
         length whose axis meets their centre. Raises InputError naming the file and the image if an
         output is NaN or infinite.
         """
-        asked = _OUTPUTS if self.refiner is None else [*_OUTPUTS, _MASK]
-        boxes, scores, poses, *rest = self._run(asked, images)
-        found = list(self._unpadded(boxes, scores, poses))
+        masks = None
+        if self._in_views:
+            found = found_in_views(self._found, images)
+        elif self.refiner is None:
+            found = self._found(images)
+        else:
+            *outputs, masks = self._run([*_OUTPUTS, _MASK], images)
+            found = list(self._unpadded(*outputs))
         if camera is not None:
             found = [_seen_by(camera, self.camera, each) for each in found]
-        if self.refiner is None:
+        if self.refiner is None or masks is None:
             return found
         if camera is None:
             height, width = images.shape[1:3]
             camera = Camera(width, height, self.camera.focal_px, width / 2, height / 2)
-        (once,) = rest
-        masks = self._averaged(self._finite(once), images)
+        masks = self._averaged(self._finite(masks), images)
         inputs = zip(images, masks, found, fine or [None] * len(images), strict=True)
         return [self.refiner(rgb, mask, each, camera, finer) for rgb, mask, each, finer in inputs]
+
+    def _found(self, images: NDArray[np.uint8]) -> list[Detections]:
+        """The detections of one run of the network."""
+        return list(self._unpadded(*self._run(_OUTPUTS, images)))
 
     def _averaged(
         self, masks: NDArray[np.float32], images: NDArray[np.uint8]
@@ -182,7 +198,9 @@ class Predictor:
 
     def _create_refiner(self, refine: Refinement) -> Refiner | None:
         diameter_mm, length_mm = self.metadata.shaft_diameter_mm, self.metadata.shaft_length_mm
-        if diameter_mm is None or length_mm is None or self.metadata.distorted or refine == "none":
+        if diameter_mm is None or length_mm is None or self.metadata.distorted:
+            return None
+        if refine in ("none", "views"):
             return None
         shaft = Shaft(diameter_mm, length_mm, flat_tip=self.metadata.shaft_tip == "flat")
         edges = self._edges() if refine == "edges" else None
@@ -230,6 +248,6 @@ def _seen_by(camera: Camera, reference: Camera, found: Detections) -> Detections
 
 
 def raw_and_refined_predictors(path: Path, refine: Refinement) -> list[Predictor]:
-    """The model without the fit and, if its poses can be fitted, with it."""
-    fitting = Predictor(path, refine)
-    return [Predictor(path, "none"), *([fitting] if fitting.refiner else [])]
+    """The model's single run and, if its poses are refined, with that."""
+    refining = Predictor(path, refine)
+    return [Predictor(path, "none"), *([refining] if refining.refines else [])]

@@ -16,6 +16,8 @@ from shaftpose.report.paper_numbers import TABLE_I, PaperRow
 from shaftpose.settings.parsing import flatten
 from shaftpose.stage_files import REAL, STAND_IN, TrainingRecord
 
+REFINEMENTS = {"mask": "fit", "edges": "fit", "views": "8 views"}  # `detection.refine` -> title
+
 
 @dataclass(frozen=True)
 class VariantRow:
@@ -28,8 +30,8 @@ class VariantRow:
     paper has none. precision: of the training's numbers, as Lightning names it. settings: of the
     variant and its loss, by name. depths: errors by bins of the true depth. training_id: as in
     MLflow. data: digests of the rendered images with their split, and of mixed-in images. origin:
-    of the evaluation. refined: whether poses are fitted. silhouettes: fields of a `SilhouetteScore`
-    by set of images, such as `rendered/clear`.
+    of the evaluation. refinement: how poses are refined, as readers see it; empty for the network's
+    own. silhouettes: fields of a `SilhouetteScore` by set of images, such as `rendered/clear`.
 
     summary, depths, training_id and origin are empty for several seeds. They, precision, settings
     and data may be empty in older results.
@@ -57,12 +59,17 @@ class VariantRow:
     training_id: str = ""
     data: tuple[str, ...] = ()
     origin: Origin | None = None
-    refined: bool = False
+    refinement: str = ""
     silhouettes: Mapping[str, MetricValues] = field(default_factory=dict)
 
     @property
+    def refined(self) -> bool:
+        """Whether poses are refined."""
+        return bool(self.refinement)
+
+    @property
     def paper(self) -> PaperRow | None:
-        """The paper's row, which has no fit."""
+        """The paper's row, whose poses are the network's own."""
         return None if self.refined else TABLE_I.get(self.variant)
 
     def title_cell(self, domain: str, best: bool = False) -> str:
@@ -77,7 +84,7 @@ class VariantRow:
         "D + stand-in".
         """
         title = TABLE_I[self.variant].title if self.variant in TABLE_I else self.title
-        parts = [*(title or self.variant).split(" + "), *(["fit"] if self.refined else [])]
+        parts = [*(title or self.variant).split(" + "), *filter(None, [self.refinement])]
         return " + ".join(domain if part == REAL else part for part in parts)
 
 
@@ -117,7 +124,7 @@ def variant_rows(
     return [
         replace(
             _row(name, evaluation, accuracy),
-            refined=kind == "refined",
+            refinement=REFINEMENTS[evaluation.detection["refine"]] if kind == "refined" else "",
             silhouettes={images: asdict(one) for images, one in scores.get(kind, {}).items()},
         )
         for kind, accuracy in evaluation.by_kind.items()

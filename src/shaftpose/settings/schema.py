@@ -89,6 +89,12 @@ class PoseRanges:
         return tuple(pair[1] for pair in self._pairs)
 
     @property
+    def symmetric(self) -> bool:
+        """Whether mirrored and turned images show poses in the same ranges."""
+        (low, high), (first, last) = self.x_mm, self.yaw_deg
+        return self.x_mm == self.y_mm and low == -high and first == 0 and last > 350
+
+    @property
     def _pairs(self) -> tuple[SpreadRange, ...]:
         return self.x_mm, self.y_mm, self.z_mm, self.pitch_deg, self.yaw_deg
 

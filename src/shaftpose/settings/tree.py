@@ -102,6 +102,11 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
         settings = TypeAdapter(Settings).validate_python({**composed, **elsewhere})
         settings.rendering, settings.stand_in  # noqa: B018  # checks that their parts go together
     check_symmetries(settings.variant, settings.poses)
+    if settings.detection.refine == "views" and not settings.poses.symmetric:
+        raise InputError(
+            "params.yaml: detection.refine = views: mirrored and turned shafts leave "
+            f"{_ranges(settings.poses)}, or refine by other means (none, mask, edges)"
+        )
     check_variants(settings, root)
     return settings
 
@@ -109,16 +114,19 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
 def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
     """Raise InputError if a variant's mirrored and rotated images would show poses outside the
     ranges."""
-    (low, high), (first, last) = ranges.x_mm, ranges.yaw_deg
-    symmetric = ranges.x_mm == ranges.y_mm and low == -high and first == 0 and last > 350
-    if variant.symmetries and not symmetric:
+    if variant.symmetries and not ranges.symmetric:
         raise InputError(
-            f"conf/variant/{variant.name}.yaml: symmetries = True: mirrored and rotated "
-            f"shafts leave poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = "
-            f"{ranges.yaw_deg}; make x and y the same range around 0 and yaw a full turn from 0, "
-            "set symmetries to false (in conf/profiles.yaml; of E, in its file), or do not train "
-            "the variant (params.yaml: variants)"
+            f"conf/variant/{variant.name}.yaml: symmetries = True: mirrored and turned shafts "
+            f"leave {_ranges(ranges)}, set symmetries to false (in conf/profiles.yaml; of E, in "
+            "its file), or do not train the variant (params.yaml: variants)"
         )
+
+
+def _ranges(ranges: PoseRanges) -> str:
+    return (
+        f"poses.x_mm = {ranges.x_mm}, y_mm = {ranges.y_mm} or yaw_deg = {ranges.yaw_deg}; make x "
+        "and y the same range around 0 and yaw a full turn from 0"
+    )
 
 
 def check_image_size(variant: Variant, camera: CameraSettings) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.core.instruments import Annotations
-from shaftpose.dataset.geometric_transforms import (
+from shaftpose.core.symmetries import (
     mirrored_x,
     mirrored_y,
     random_symmetry,

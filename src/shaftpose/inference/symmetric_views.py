@@ -1,0 +1,94 @@
+"""The mean of what a network finds in the eight mirrored and turned copies of an image.
+
+Test-time augmentation. The poses stay exact, see `core.symmetries`; a network that was trained on
+such copies errs differently in each.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shaftpose.core.geometry import axis_direction, pose_along
+from shaftpose.core.images import Image
+from shaftpose.core.instruments import Annotations, Detections
+from shaftpose.core.symmetries import mirrored_x, mirrored_y, transposed
+from shaftpose.metrics.detection.matching import box_iou
+
+_EACH = (mirrored_x, mirrored_y, transposed)
+_VIEWS = [
+    [one for one, used in zip(_EACH, chosen, strict=True) if used]
+    for chosen in product((False, True), repeat=len(_EACH))
+]
+_LEAST_IOU = 0.6  # of the boxes of one shaft in two copies; chosen on validation images
+
+Find = Callable[[NDArray[np.uint8]], list[Detections]]
+
+
+def found_in_views(find: Find, images: NDArray[np.uint8]) -> list[Detections]:
+    """The mean detections in images (N, H, W, 3). find: the detections in one copy of each."""
+    found = [_found_in_view(find, images, steps) for steps in _VIEWS]
+    return [mean_detections(views) for views in zip(*found, strict=True)]
+
+
+def _found_in_view(
+    find: Find, images: NDArray[np.uint8], steps: Sequence[Callable[..., tuple[Image, Annotations]]]
+) -> list[Detections]:
+    """What is found in the images after the steps, in the coordinates of the images."""
+    copies = []
+    for rgb in images:
+        for step in steps:
+            rgb, _ = step(rgb, Annotations(np.empty((0, 4)), None))
+        copies.append(rgb)
+    found = []
+    for rgb, seen in zip(copies, find(np.stack(copies)), strict=True):
+        known = Annotations(seen.boxes, seen.poses)
+        for step in reversed(steps):  # each undoes itself
+            rgb, known = step(rgb, known)
+        assert known.poses is not None
+        found.append(Detections(known.boxes, seen.scores, known.poses))
+    return found
+
+
+def mean_detections(views: Sequence[Detections]) -> Detections:
+    """The means of detections of the same shaft in several views, best score first.
+
+    The detection with the best score gathers the best one of each view whose box overlaps its own;
+    all that overlap are then used up, as in non-maximum suppression. Boxes, tips and axes are
+    weighted by scores (weighted boxes fusion); a view that misses the shaft counts as a score of 0.
+    """
+    boxes, scores, poses = (
+        np.concatenate([getattr(view, name) for view in views])
+        for name in ("boxes", "scores", "poses")
+    )
+    view_of = np.repeat(np.arange(len(views)), [len(view.scores) for view in views])
+    left, means = np.argsort(-scores, kind="stable"), []
+    while len(left):
+        same = box_iou(boxes[left[:1]], boxes[left])[0] >= _LEAST_IOU
+        same[0] = True  # a box without an area, too
+        gathered = left[same]
+        best = gathered[np.unique(view_of[gathered], return_index=True)[1]]
+        means.append(_mean(boxes[best], scores[best], poses[best], len(views)))
+        left = left[~same]
+    return _by_score(means)
+
+
+def _mean(
+    boxes: NDArray[np.float64], scores: NDArray[np.float64], poses: NDArray[np.float64], views: int
+) -> Detections:
+    """One detection; arrays as those of `Detections`."""
+    axis = scores @ axis_direction(poses[:, 3], poses[:, 4])
+    box, tip = (scores @ values / scores.sum() for values in (boxes, poses[:, :3]))
+    pose = pose_along(axis / np.linalg.norm(axis), tip).as_array()
+    return Detections(box[None], scores.sum(keepdims=True) / views, pose[None])
+
+
+def _by_score(found: Sequence[Detections]) -> Detections:
+    if not found:
+        return Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
+    boxes, scores, poses = (
+        np.concatenate([getattr(one, name) for one in found])
+        for name in ("boxes", "scores", "poses")
+    )
+    return Detections(boxes, scores, poses).rows(np.argsort(-scores, kind="stable"))
