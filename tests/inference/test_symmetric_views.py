@@ -79,6 +79,14 @@ def test_means_by_hand() -> None:
     np.testing.assert_allclose(found.poses[1], [5, 5, 30, 45, 45])
 
 
+def test_a_view_that_turns_a_shaft_round_changes_no_pose() -> None:
+    right, turned = ([0, 0, 20, 60, 30], [9, 9, 30, 120, 210])
+    views = [detections(([0, 0, 9, 9], score, right)) for score in (0.4, 0.2)]
+    found = mean_detections([detections(([0, 0, 9, 9], 0.5, turned)), *views])
+    np.testing.assert_allclose(found.poses, [right])
+    np.testing.assert_allclose(found.scores, [1.1 / 3])
+
+
 def test_little_overlap_is_another_shaft() -> None:
     views = [
         detections(([0, 0, 10, 10], 0.9, [0, 0, 20, 60, 0])),

@@ -21,7 +21,9 @@ _VIEWS = [
     [one for one, used in zip(_EACH, chosen, strict=True) if used]
     for chosen in product((False, True), repeat=len(_EACH))
 ]
-_LEAST_IOU = 0.6  # of the boxes of one shaft in two copies; chosen on validation images
+# Chosen on validation images:
+_LEAST_IOU = 0.6  # of the boxes of one shaft in two copies
+_ALIKE = np.cos(np.radians(45.0))  # least cosine between axes whose mean is taken
 
 Find = Callable[[NDArray[np.uint8]], list[Detections]]
 
@@ -55,8 +57,9 @@ def mean_detections(views: Sequence[Detections]) -> Detections:
     """The means of detections of the same shaft in several views, best score first.
 
     The detection with the best score gathers the best one of each view whose box overlaps its own;
-    all that overlap are then used up, as in non-maximum suppression. Boxes, tips and axes are
-    weighted by scores (weighted boxes fusion); a view that misses the shaft counts as a score of 0.
+    all that overlap are then used up, as in non-maximum suppression. Means are weighted by scores
+    (weighted boxes fusion); a view that misses the shaft counts as a score of 0. Some views take
+    a shaft's other end for its tip: poses are means over those that agree with most.
     """
     boxes, scores, poses = (
         np.concatenate([getattr(view, name) for view in views])
@@ -78,9 +81,12 @@ def _mean(
     boxes: NDArray[np.float64], scores: NDArray[np.float64], poses: NDArray[np.float64], views: int
 ) -> Detections:
     """One detection; arrays as those of `Detections`."""
-    axis = scores @ axis_direction(poses[:, 3], poses[:, 4])
-    box, tip = (scores @ values / scores.sum() for values in (boxes, poses[:, :3]))
+    axes = axis_direction(poses[:, 3], poses[:, 4])
+    cosines = axes @ axes.T
+    weights = scores * (cosines[(cosines @ scores).argmax()] > _ALIKE)
+    axis, tip = weights @ axes, weights @ poses[:, :3] / weights.sum()
     pose = pose_along(axis / np.linalg.norm(axis), tip).as_array()
+    box = scores @ boxes / scores.sum()
     return Detections(box[None], scores.sum(keepdims=True) / views, pose[None])
 
 
