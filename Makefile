@@ -48,10 +48,10 @@ variant-%: $(READY)  ## train one of `variants` on existing data, as in `make va
 	OMP_NUM_THREADS=$(THREADS) dvc --wait-for-lock repro --single-item $(addsuffix @$*,train export evaluate_real)
 
 # A file of tests stays in one process, whose costly fixtures its tests share; one thread each, for
-# the processes fill the cores, one more because tests wait for other processes. In the given order,
-# the longest files do not come last.
+# the processes fill the cores, one more because tests wait for other processes. Files stay in their
+# order, in which the longest does not come last (tests/conftest.py).
 test: $(READY)  ## run all tests, a process per core and one more
-	OMP_NUM_THREADS=1 pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder tests/pipeline/test_smoke.py tests
+	OMP_NUM_THREADS=1 pytest --numprocesses $$(($$(nproc) + 1)) --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)  ## check style, format and types
 	ruff check .
