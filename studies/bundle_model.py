@@ -135,7 +135,10 @@ def refuse_too_large(new: Path, bundled: Path) -> None:
 
 
 def refuse_another(folder: Path, recorded: Evaluation, measured: MetricValues) -> None:
-    """Raise InputError unless the recorded results are those of the folder's model."""
+    """Raise InputError unless the recorded results are those of the folder's model, as the package
+    runs it."""
+    if recorded.refined and recorded.detection["refine"] == "views":
+        raise InputError(f"{folder}: was evaluated with detection.refine = views: leave that out")
     now = measured["mAP"] or 0.0
     then = (recorded.refined or recorded.raw).metrics["mAP"] or 0.0
     if abs(now - then) > SAME_MAP:

@@ -21,7 +21,7 @@ CURVES = tuple(
 @dataclass(frozen=True)
 class EvaluatedTraining:
     """One training; `curves` are rows of step, name and value, for the names of `CURVES`; none for
-    fitted poses.
+    refined poses.
 
     recipe: settings that compared trainings must share: those recorded by the train stage (sizes,
     camera, ranges of poses, loss, training) and those of detection. variant: settings that

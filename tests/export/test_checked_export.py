@@ -3,24 +3,30 @@
 from dataclasses import replace
 from pathlib import Path
 
-from shaftpose.export.checked_export import store_thresholds, validated_confidence
+import numpy as np
+
+from shaftpose.core.shards import ShardedDataset
+from shaftpose.dataset.split import read_keys
+from shaftpose.export.checked_export import store_thresholds
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor
+from tests.conftest import write_constant_model
 from tests.pipeline.small_data import FOLDERS, write_training_data
 
 
-def test_the_threshold_joins_what_the_file_states(constant_model: Path, tmp_path: Path) -> None:
+def test_thresholds_join_what_the_file_states(tmp_path: Path) -> None:
+    """A model that finds a validation image's first shaft, in the turned copies too."""
     write_training_data(tmp_path)
     images, lists = tmp_path / FOLDERS.rendered, tmp_path / FOLDERS.split
-    store_metadata(constant_model, ModelMetadata())
-    store_thresholds(constant_model, images, lists, views=False)
-    assert Predictor(constant_model).metadata.views_confidence is None
+    first = ShardedDataset(images).annotations(read_keys(lists, "validation")[0])
+    assert first.poses is not None
+    found = {"boxes": first.boxes[:1], "scores": np.array([0.75]), "poses": first.poses[:1]}
+    path = write_constant_model(tmp_path / "constant.onnx", found)
     stated = ModelMetadata(view_deg=70.5, shaft_diameter_mm=0.1 + 0.2, shaft_tip="flat")
-    store_metadata(constant_model, stated)
-    store_thresholds(constant_model, images, lists, views=True)
-    predictor = Predictor(constant_model)
-    chosen = validated_confidence(predictor, images, lists)
-    assert 0 <= chosen <= 1
-    in_views = validated_confidence(Predictor(constant_model, "views"), images, lists)
-    assert predictor.metadata == replace(stated, confidence=chosen, views_confidence=in_views)
+    store_metadata(path, stated)
+    store_thresholds(path, images, lists, views=False)
+    assert Predictor(path).metadata == replace(stated, confidence=0.75)
+    store_thresholds(path, images, lists, views=True)
+    # In the image, the shaft of each of the eight copies lies elsewhere.
+    assert Predictor(path).metadata == replace(stated, confidence=0.75, views_confidence=0.75 / 8)

@@ -90,7 +90,7 @@ def test_a_model_that_is_not_there_is_named() -> None:
         ({"diameter_mm": float("inf")}, "diameter_mm inf"),
         ({"score": 1.5}, "score 1.5: give a number from 0 to 1"),
         ({"crop": (0, 0, 400, 0)}, "give x, y, width and height"),
-        ({"refine": "edge"}, "refine 'edge': give one of none, mask, edges"),
+        ({"refine": "edge"}, "refine 'edge': give one of none, mask, edges, views"),
         ({"backend": "tensorrt"}, "backend 'tensorrt': give one of onnxruntime, openvino"),
     ],
 )

@@ -203,7 +203,7 @@ def test_fitted_poses_have_a_threshold_of_their_own(masked_model: Path) -> None:
 def test_poses_are_averaged_over_views_without_a_fit(masked_model: Path) -> None:
     alone, averaged = raw_and_refined_predictors(masked_model, "views")
     assert (alone.refiner, averaged.refiner) == (None, None)
-    with pytest.raises(InputError, match=r"no confidence threshold; export it with .*=views"):
+    with pytest.raises(InputError, match=r"no confidence threshold for means over views; export"):
         _ = averaged.confidence
     store_metadata(masked_model, replace(FLAT_ROD, views_confidence=0.25))
     averaged = Predictor(masked_model, "views")

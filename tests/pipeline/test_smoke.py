@@ -60,8 +60,8 @@ def test_a_log_holds_no_progress_bars(printed: str) -> None:
 def test_the_report_has_a_row_for_each_variant_and_the_constant(finished: Path) -> None:
     report = json.loads((finished / "reports/ablation.json").read_text())
     rows = report["rows"]
-    names = [(row["variant"], row["refined"]) for row in rows]
-    assert names == [("e", False), ("e", True), ("d_noise_real", False)]
+    names = [(row["variant"], row["refinement"]) for row in rows]
+    assert names == [("e", ""), ("e", "fit"), ("d_noise_real", "")]
     assert all(row["silhouettes"] for row in rows)
     assert {(row["test_images"], row["steps"]) for row in rows} == {(6, 6)}
     assert report["constant"]["x_mm"] > 0

@@ -1,4 +1,4 @@
-"""The symmetries of square training images, with their annotations."""
+"""The symmetries of images, with their annotations."""
 
 from dataclasses import replace
 

@@ -39,7 +39,7 @@ def compare_silhouettes(
 ) -> tuple[Silhouettes, dict[str, Path]]:
     """Compare the silhouettes of a model's poses with the masks of each set of images.
 
-    predictors: of raw poses and, if the model has a fit, of refined ones; confidences: their
+    predictors: of raw poses and, if there are any, of refined ones; confidences: their
     confidence thresholds. Returns the scores, and title -> file of two pictures in `folder`: the
     first and the worst images of each set, with the last predictor's poses.
     """

@@ -58,7 +58,7 @@ def store_thresholds(path: Path, images: Path, lists: Path, views: bool) -> None
     """Choose the confidence thresholds of a model on validation images, and store them in its file.
 
     images: a folder of shards; lists: the folder of their split. views: whether one is chosen for
-    poses refined in views, which takes eight times as long.
+    poses refined in views, which takes about ten times as long.
     """
     metadata = Predictor(path, "none").metadata
     fit: Refinement = "mask" if metadata.edge_reader is None else "edges"

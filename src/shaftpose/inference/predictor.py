@@ -25,7 +25,7 @@ _PROBE_PX = 64  # side of an image on which a model of any size is tried
 
 
 class Predictor:
-    """Runs an ONNX file of the export stage, and the fit of its poses.
+    """Runs an ONNX file of the export stage, and refines its poses.
 
     refine: see `settings.choices`. backend: runs the model; onnxruntime always runs its edge
     reader. refiner: None if poses are not fitted: without a mask, for an instrument from a CAD
@@ -72,13 +72,16 @@ class Predictor:
 
         Raises InputError naming the file if it states none.
         """
-        stated, remedy = self.metadata, "export it again or set one"
+        stated, lacks = self.metadata, "confidence threshold; export it again or set one"
         threshold = stated.confidence if self.refiner is None else stated.fit_confidence
         if self._in_views:
             threshold = stated.views_confidence
-            remedy = "export it with detection.refine=views or set one"
+            lacks = (
+                "confidence threshold for means over views; export it with detection.refine=views, "
+                "or set one (--score; detection.confidence_threshold)"
+            )
         if threshold is None:
-            raise InputError(f"{self._path}: holds no confidence threshold; {remedy}")
+            raise InputError(f"{self._path}: holds no {lacks}")
         return threshold
 
     @property
@@ -248,6 +251,6 @@ def _seen_by(camera: Camera, reference: Camera, found: Detections) -> Detections
 
 
 def raw_and_refined_predictors(path: Path, refine: Refinement) -> list[Predictor]:
-    """The model's single run and, if its poses are refined, with that."""
+    """The model without refinement and, if its poses can be refined so, with it."""
     refining = Predictor(path, refine)
     return [Predictor(path, "none"), *([refining] if refining.refines else [])]

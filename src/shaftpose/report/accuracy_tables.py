@@ -83,7 +83,8 @@ def notes_on_table_i(report: AblationReport) -> list[str]:
         f"{paper_numbers.TEST_IMAGES:,} test images, batch {paper_numbers.BATCH_SIZE}; the number "
         "of steps is not stated. Its fps were measured on a Quadro GV100. Ours are a single "
         "reading with onnxruntime on a CPU, one image at a time, including decoding and, for E + "
-        "fit, the fit; `make bench` measures the speed in repeated rounds.",
+        "fit, the fit; `make bench` measures the speed in repeated rounds. Poses of 8 views are "
+        "means over the image's eight mirrored and turned copies.",
         f"Ours: {show_span(r.training_images for r in rows)} training images (at most "
         f"{100 * share:.3g} % of the paper's), {show_span(r.test_images for r in rows)} test "
         f"images, {show_span(r.steps for r in rows)} steps, batch "

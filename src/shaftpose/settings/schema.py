@@ -385,7 +385,7 @@ class LossSettings:
 
 @dataclass(frozen=True, config=_STRICT)
 class DetectionSettings:
-    """Limits of decoding, and the refinement of poses, see `shaftpose.refinement.refiner`.
+    """Limits of decoding, and the refinement of poses, see `shaftpose.settings.choices`.
 
     top_k, nms_iou: of the paper's networks alone, see `shaftpose.network.ssd.decoding`.
     """
