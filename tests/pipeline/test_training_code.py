@@ -23,6 +23,7 @@ RULES: dict[str, set[str]] = {
     "core/shard_index.py": ALL,
     "core/shard_schema.py": ALL,
     "core/shards.py": ALL,
+    "core/symmetries.py": ALL,
     "dataset": ALL,
     "dataset/coco.py": set(),
     "dataset/coco_folder.py": set(),
