@@ -18,7 +18,7 @@ def random_symmetry(
     Poses stay exact if the principal point is the image's centre. The scope's lights, left and
     right of the lens, are mirrored and turned as well.
     """
-    for symmetry in (mirrored_x, mirrored_y, transposed):
+    for symmetry in GENERATORS:
         if rng.random() < 0.5:
             rgb, known = symmetry(rgb, known)
     return np.ascontiguousarray(rgb), known
@@ -69,3 +69,7 @@ def _changed(
     poses[:, :2] *= signs
     poses[:, 4] = unsigned_deg(yaw_deg - poses[:, 4])
     return poses
+
+
+# Each undoes itself; all eight symmetries are some of them, one after another.
+GENERATORS = mirrored_x, mirrored_y, transposed

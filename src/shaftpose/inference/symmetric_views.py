@@ -5,7 +5,7 @@ such copies errs differently in each.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import compress, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,15 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import axis_direction, pose_along
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Annotations, Detections
-from shaftpose.core.symmetries import mirrored_x, mirrored_y, transposed
+from shaftpose.core.symmetries import GENERATORS
 from shaftpose.metrics.detection.matching import box_iou
 
-_EACH = (mirrored_x, mirrored_y, transposed)
-_VIEWS = [
-    [one for one, used in zip(_EACH, chosen, strict=True) if used]
-    for chosen in product((False, True), repeat=len(_EACH))
-]
+_VIEWS = [list(compress(GENERATORS, used)) for used in product((0, 1), repeat=len(GENERATORS))]
 # Chosen on validation images:
 _LEAST_IOU = 0.6  # of the boxes of one shaft in two copies
 _ALIKE = np.cos(np.radians(45.0))  # least cosine between axes whose mean is taken
+
+_NOTHING = Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
 
 Find = Callable[[NDArray[np.uint8]], list[Detections]]
 
@@ -61,20 +59,18 @@ def mean_detections(views: Sequence[Detections]) -> Detections:
     (weighted boxes fusion); a view that misses the shaft counts as a score of 0. Some views take
     a shaft's other end for its tip: poses are means over those that agree with most.
     """
-    boxes, scores, poses = (
-        np.concatenate([getattr(view, name) for view in views])
-        for name in ("boxes", "scores", "poses")
-    )
+    boxes, scores, poses = vars(_joined(views)).values()
     view_of = np.repeat(np.arange(len(views)), [len(view.scores) for view in views])
-    left, means = np.argsort(-scores, kind="stable"), []
+    left, found = np.argsort(-scores, kind="stable"), [_NOTHING]
     while len(left):
         same = box_iou(boxes[left[:1]], boxes[left])[0] >= _LEAST_IOU
         same[0] = True  # a box without an area, too
         gathered = left[same]
         best = gathered[np.unique(view_of[gathered], return_index=True)[1]]
-        means.append(_mean(boxes[best], scores[best], poses[best], len(views)))
+        found.append(_mean(boxes[best], scores[best], poses[best], len(views)))
         left = left[~same]
-    return _by_score(means)
+    means = _joined(found)
+    return means.rows(np.argsort(-means.scores, kind="stable"))
 
 
 def _mean(
@@ -90,11 +86,7 @@ def _mean(
     return Detections(box[None], scores.sum(keepdims=True) / views, pose[None])
 
 
-def _by_score(found: Sequence[Detections]) -> Detections:
-    if not found:
-        return Detections(np.empty((0, 4)), np.empty(0), np.empty((0, 5)))
-    boxes, scores, poses = (
-        np.concatenate([getattr(one, name) for one in found])
-        for name in ("boxes", "scores", "poses")
-    )
-    return Detections(boxes, scores, poses).rows(np.argsort(-scores, kind="stable"))
+def _joined(found: Sequence[Detections]) -> Detections:
+    """All rows, in this order."""
+    columns = zip(*(vars(one).values() for one in found), strict=True)
+    return Detections(*(np.concatenate(parts) for parts in columns))
