@@ -58,7 +58,7 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
         "--refine", choices=get_args(Refinement), default="edges",
         help="how poses are refined: not at all; if the model has a mask, fitted to it, or to it "
         "and then to the edges in the image, the most exact (default: edges); or, of any model, "
-        "averaged over the eight mirrored and turned copies of the image, at ten times the cost",
+        "averaged over the image and its seven mirrored and turned copies, at ten times the cost",
     )  # fmt: skip
     parser.add_argument(
         "--backend", choices=get_args(Backend), default="onnxruntime",
