@@ -660,6 +660,7 @@ def test_a_failing_shard_ends_all_others(
 ) -> None:
     good, bad = a_good_and_a_bad(backgrounds, tmp_path)
     rendered = one_image_per_shard(with_scene(instruments=(1, 1)), bad, good)
+    client.wait_for_workers(2, PATIENCE_S)  # one of them may have ended in an earlier test
     run = background(rendered, tmp_path, client)
     (other,) = wait_until(lambda: blenders(tmp_path, "shard-000001"))
     other.suspend()  # it would never end by itself
