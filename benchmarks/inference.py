@@ -135,7 +135,7 @@ def row(model: str, refine: Refinement, seconds: list[float], alone: list[float]
     """The figures of a model with a refinement; alone: seconds of the network.
 
     pre_post_share: of the time, what is spent outside of one run of the network. A fit is included,
-    and with it the run on the mirror image.
+    and with it the run on the turned image.
     """
     with TemporaryDirectory() as folder:
         first = Path(folder) / "frame.png"

@@ -172,10 +172,10 @@ def test_poses_of_a_model_with_a_mask_are_fitted(masked_model: Path) -> None:
     assert own.boxes.tolist() == [[1, 2, 3, 4]]
 
 
-def test_the_fitted_mask_is_the_mean_of_those_of_an_image_and_its_mirror_image(
+def test_the_fitted_mask_is_the_mean_of_those_of_an_image_and_of_it_turned_around(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A network's mask that stays where it is when the image is mirrored is half as sure."""
+    """A network's mask that stays where it is when the image is turned is half as sure."""
     alone = soft_mask(POSES[0])
     path = write_constant_model(tmp_path / "unmoved.onnx", {**ONE_SHAFT, "mask": alone})
     store_metadata(path, FLAT_ROD)
@@ -184,7 +184,7 @@ def test_the_fitted_mask_is_the_mean_of_those_of_an_image_and_its_mirror_image(
     monkeypatch.setattr(Refiner, "__call__", lambda self, rgb, mask, *rest: given.append(mask))
     predictor(np.repeat(SHOWN, 2, axis=0))
     for mask in given:
-        np.testing.assert_allclose(mask, (alone + alone[:, ::-1]) / 2, rtol=1e-6)
+        np.testing.assert_allclose(mask, (alone + alone[::-1, ::-1]) / 2, rtol=1e-6)
     assert len(given) == 2
 
 

@@ -138,10 +138,10 @@ class Predictor:
     def _averaged(
         self, masks: NDArray[np.float32], images: NDArray[np.uint8]
     ) -> NDArray[np.float32]:
-        """The means of masks (N, H, W) of images (N, H, W, 3) and of those of their mirror images:
-        test-time augmentation, measured in docs/beyond.md."""
-        mirrored = self.masks(np.ascontiguousarray(images[:, :, ::-1]))
-        return (masks + mirrored[:, :, ::-1]) / 2
+        """The means of masks (N, H, W) of images (N, H, W, 3) and of those of the images turned by
+        180 deg: test-time augmentation, measured in docs/beyond.md."""
+        turned = self.masks(np.ascontiguousarray(images[:, ::-1, ::-1]))
+        return (masks + turned[:, ::-1, ::-1]) / 2
 
     def masks(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The masks (N, H, W), probabilities of a shaft, of images (N, H, W, 3) uint8 RGB, from a
