@@ -139,7 +139,7 @@ class Predictor:
         self, masks: NDArray[np.float32], images: NDArray[np.uint8]
     ) -> NDArray[np.float32]:
         """The means of masks (N, H, W) of images (N, H, W, 3) and of those of the images turned by
-        180 deg: test-time augmentation, measured in docs/beyond.md."""
+        180 deg: test-time augmentation, measured in docs/real_images.md."""
         turned = self.masks(np.ascontiguousarray(images[:, ::-1, ::-1]))
         return (masks + turned[:, ::-1, ::-1]) / 2
 
