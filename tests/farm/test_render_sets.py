@@ -70,6 +70,13 @@ def client() -> Iterator[Client]:
         yield client
 
 
+@pytest.fixture
+def mortal_client() -> Iterator[Client]:
+    """Two workers for a test that kills some, not all of which Dask may replace."""
+    with workers(2) as client:
+        yield client
+
+
 @pytest.fixture(scope="module")
 def lone_client() -> Iterator[Client]:
     """One worker, which renders the shards in order."""
@@ -285,11 +292,11 @@ def test_a_blender_that_always_dies_ends_the_run(
 def test_a_killed_dask_worker_is_replaced_and_takes_its_blender_along(
     rendered: RenderedSet,
     undisturbed: tuple[Path, Path],
-    client: Client,
+    mortal_client: Client,
     background: Callable[..., Future[None]],
     tmp_path: Path,
 ) -> None:
-    run = background(rendered, tmp_path, client)
+    run = background(rendered, tmp_path, mortal_client)
     orphan = stopped_in_the_middle(tmp_path)
     orphan.parent().kill()
     orphan.resume()
@@ -300,11 +307,11 @@ def test_a_killed_dask_worker_is_replaced_and_takes_its_blender_along(
 
 def test_a_shard_whose_dask_workers_all_die_ends_the_run(
     rendered: RenderedSet,
-    client: Client,
+    mortal_client: Client,
     background: Callable[..., Future[None]],
     tmp_path: Path,
 ) -> None:
-    run = background(replace(rendered, images=PER_SHARD), tmp_path, client)
+    run = background(replace(rendered, images=PER_SHARD), tmp_path, mortal_client)
     killed = set[psutil.Process]()
     while not run.done():
         # A Blender process whose worker has died is adopted by a process outside of this test.
@@ -660,7 +667,6 @@ def test_a_failing_shard_ends_all_others(
 ) -> None:
     good, bad = a_good_and_a_bad(backgrounds, tmp_path)
     rendered = one_image_per_shard(with_scene(instruments=(1, 1)), bad, good)
-    client.wait_for_workers(2, PATIENCE_S)  # one of them may have ended in an earlier test
     run = background(rendered, tmp_path, client)
     (other,) = wait_until(lambda: blenders(tmp_path, "shard-000001"))
     other.suspend()  # it would never end by itself
