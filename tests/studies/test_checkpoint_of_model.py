@@ -1,0 +1,62 @@
+"""Checkpoints of exported models, to train on from them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from shaftpose.core.errors import InputError
+from shaftpose.core.geometry import Camera
+from shaftpose.dataset.batches import Batch
+from shaftpose.export.onnx_export import ShaftDetector
+from shaftpose.export.parity import edge_difference, mask_difference
+from shaftpose.inference.learned_edges import LearnedEdges
+from shaftpose.inference.model_files import bundled_model
+from shaftpose.inference.predictor import Predictor
+from shaftpose.network.dense.network import DenseNetwork
+from shaftpose.network.pose_network import normalise_images
+from shaftpose.refinement.contour import Shaft
+from studies.checkpoint_of_model import load, take_statistics
+from tests.network.dense.test_edge_reader import POSES, batch
+from tests.network.tiny import E_LOSS, LIMITS
+
+
+def network_of(channels: tuple[int, ...] | None) -> DenseNetwork:
+    """Random weights; None: the network of the bundled model."""
+    camera = Camera.from_field_of_view(299, 299, 95.0)
+    return DenseNetwork(channels, camera, Shaft(3.0, 150.0, True), E_LOSS)
+
+
+@pytest.fixture(scope="module")
+def loaded() -> DenseNetwork:
+    network = network_of(None)
+    load(network, bundled_model())
+    return network.eval()
+
+
+def test_the_network_gives_what_the_file_gives(loaded: DenseNetwork) -> None:
+    images = np.random.default_rng(1).integers(0, 256, (2, 299, 299, 3), np.uint8)
+    model = Predictor(bundled_model(), "none")
+    assert mask_difference(ShaftDetector(loaded, LIMITS), model, images) < 1e-4
+    reader = loaded.edge_reader()
+    assert reader is not None and model.metadata.edge_reader is not None
+    assert edge_difference(reader, LearnedEdges(model.metadata.edge_reader)) < 1e-4
+
+
+def test_a_training_begins_with_what_the_network_knew(loaded: DenseNetwork) -> None:
+    inputs, targets = batch(list(POSES))
+    images = (127.5 * (inputs + 1)).round().byte().permute(0, 2, 3, 1)
+    inputs = normalise_images(images)
+    with torch.no_grad():
+        before = loaded(inputs)
+        take_statistics(loaded, Batch(images, targets))
+        for training in (False, True):
+            after = loaded.train(training)(inputs)
+            for was, now in zip(before[:2], after[:2], strict=True):
+                torch.testing.assert_close(now, was, rtol=1e-3, atol=1e-3)
+
+
+def test_a_file_of_another_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"shaftpose\.onnx: lacks down\.\d"):
+        load(network_of((8, 8, 8, 16)), bundled_model())
