@@ -1,6 +1,6 @@
 """Make a checkpoint of an exported model, to train on from it.
 
-`python -m studies.checkpoint_of_model shaftpose --out models/former.ckpt variant=e_real`: a file
+`python -m studies.checkpoint_of_model shaftpose --out models/former.ckpt --with variant=e_real`: a file
 without the training that made it holds each batch normalisation merged with the convolution before
 it. Here they are parted again, with the statistics of one training batch, so that in a training,
 too, the network begins with what it knew. For variants e and e_real, with Hydra's overrides of the
@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("model", help="a bundled model, or an exported file")
     parser.add_argument("--out", type=Path, required=True, help="the checkpoint to write")
-    parser.add_argument("settings", nargs="*", help="Hydra's overrides of the training")
+    parser.add_argument("--with", nargs="*", default=[], dest="settings", help="Hydra's overrides")
     options = parser.parse_args()
     with exit_on_input_error():
         recipe = training_recipe(composed_settings(Path(), *options.settings))
