@@ -1,10 +1,11 @@
 """Make a checkpoint of an exported model, to train on from it.
 
-`python -m studies.checkpoint_of_model shaftpose --out models/former.ckpt --with variant=e_real`: a file
-without the training that made it holds each batch normalisation merged with the convolution before
-it. Here they are parted again, with the statistics of one training batch, so that in a training,
-too, the network begins with what it knew. For variants e and e_real, with Hydra's overrides of the
-training; `python pipelines/train.py variant=e_real variant.start=models/former.ckpt` goes on.
+`python -m studies.checkpoint_of_model shaftpose --out models/former.ckpt --with variant=e_real`: a
+file without the training that made it holds each batch normalisation merged with the convolution
+before it. Here they are parted again, with the statistics of one training batch, so that in a
+training, too, the network begins with what it knew. For variants e and e_real, with Hydra's
+overrides of the training: `python pipelines/train.py variant=e_real
+variant.start=models/former.ckpt` goes on.
 """
 
 import argparse
