@@ -29,6 +29,7 @@ from shaftpose.network.checkpoint import WEIGHT_PREFIX
 from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.settings.compose import composed_settings
+from shaftpose.settings.schema import Variant
 from shaftpose.training.data import DataFolders, training_data
 from shaftpose.training.recipe import Recipe, training_recipe
 
@@ -50,7 +51,7 @@ def main() -> None:
         with model_file(options.model) as path:
             load(network, path)
         take_statistics(network, training_batch(recipe))
-        write(network, recipe, options.out)
+        write(network, recipe.variant, options.out)
         print(f"{options.out}: start a training from it with variant.start={options.out}")
 
 
@@ -128,12 +129,12 @@ def training_batch(recipe: Recipe) -> Batch:
     return batch
 
 
-def write(network: DenseNetwork, recipe: Recipe, out: Path) -> None:
-    """Write the network as a checkpoint of the recipe's variant."""
+def write(network: DenseNetwork, variant: Variant, out: Path) -> None:
+    """Write the network as a checkpoint of its variant."""
     out.parent.mkdir(parents=True, exist_ok=True)
     weights = {f"{WEIGHT_PREFIX}{name}": value for name, value in network.state_dict().items()}
     with new_file(out) as part:
-        torch.save({"identity": identity(recipe.variant), "state_dict": weights}, part)
+        torch.save({"identity": identity(variant), "state_dict": weights}, part)
 
 
 if __name__ == "__main__":

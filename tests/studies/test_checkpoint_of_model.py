@@ -14,10 +14,13 @@ from shaftpose.export.parity import edge_difference, mask_difference
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_files import bundled_model
 from shaftpose.inference.predictor import Predictor
+from shaftpose.network.building import build_network, scale
+from shaftpose.network.checkpoint import start_from_detector
 from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.refinement.contour import Shaft
-from studies.checkpoint_of_model import load, take_statistics
+from shaftpose.settings.compose import composed_settings
+from studies.checkpoint_of_model import load, take_statistics, write
 from tests.network.dense.test_edge_reader import POSES, batch
 from tests.network.tiny import E_LOSS, LIMITS
 
@@ -55,6 +58,15 @@ def test_a_training_begins_with_what_the_network_knew(loaded: DenseNetwork) -> N
             after = loaded.train(training)(inputs)
             for was, now in zip(before[:2], after[:2], strict=True):
                 torch.testing.assert_close(now, was, rtol=1e-3, atol=1e-3)
+
+
+def test_a_training_may_start_from_the_checkpoint(loaded: DenseNetwork, tmp_path: Path) -> None:
+    variant = composed_settings(Path(__file__).parents[2], "variant=e_real").variant
+    write(loaded, variant, tmp_path / "former.ckpt")
+    network = build_network(variant)
+    start_from_detector(tmp_path / "former.ckpt", network, scale(variant))
+    for name, weight in network.state_dict().items():
+        torch.testing.assert_close(weight, loaded.state_dict()[name])
 
 
 def test_a_file_of_another_network_is_refused(tmp_path: Path) -> None:
