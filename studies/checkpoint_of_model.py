@@ -9,6 +9,7 @@ variant.start=models/former.ckpt` goes on.
 """
 
 import argparse
+import os
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +19,7 @@ import torch
 from onnx import ModelProto, numpy_helper
 from torch import Tensor, nn
 
+from pipelines.train import FOLDERS
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import new_file
 from shaftpose.dataset.batches import Batch
@@ -30,10 +32,8 @@ from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.pose_network import normalise_images
 from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import Variant
-from shaftpose.training.data import DataFolders, training_data
+from shaftpose.training.data import training_data
 from shaftpose.training.recipe import Recipe, training_recipe
-
-FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 
 
 def main() -> None:
@@ -123,7 +123,7 @@ def _undone(norm: nn.Module, inputs: tuple[Tensor, ...]) -> None:
 
 def training_batch(recipe: Recipe) -> Batch:
     """The first batch of a training."""
-    skipped = SkippedImages(Path("skipped_images.txt"))
+    skipped = SkippedImages(Path(os.devnull))  # the training records them
     batches = training_data(recipe, FOLDERS, skipped, with_instances=True).train_dataloader()
     batch: Batch = next(iter(batches))
     return batch

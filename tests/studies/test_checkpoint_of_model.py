@@ -31,8 +31,9 @@ def network_of(channels: tuple[int, ...] | None) -> DenseNetwork:
     return DenseNetwork(channels, camera, Shaft(3.0, 150.0, True), E_LOSS)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def loaded() -> DenseNetwork:
+    """The network of the bundled model, with its weights."""
     network = network_of(None)
     load(network, bundled_model())
     return network.eval()
@@ -69,6 +70,6 @@ def test_a_training_may_start_from_the_checkpoint(loaded: DenseNetwork, tmp_path
         torch.testing.assert_close(weight, loaded.state_dict()[name])
 
 
-def test_a_file_of_another_network_is_refused(tmp_path: Path) -> None:
+def test_a_file_of_another_network_is_refused() -> None:
     with pytest.raises(InputError, match=r"shaftpose\.onnx: lacks down\.\d"):
         load(network_of((8, 8, 8, 16)), bundled_model())
