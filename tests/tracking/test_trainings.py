@@ -1,8 +1,11 @@
 """The MLflow run of a training."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import mlflow
+from mlflow.store.tracking.dbmodels.models import SqlDataset
+from sqlalchemy import event
 
 from shaftpose.tracking.trainings import log_results, training_run
 
@@ -23,6 +26,33 @@ def test_results_find_the_run_of_their_training(store: Path) -> None:
     assert run.inputs.dataset_inputs[0].dataset.digest == "aa"
     assert (store / "mlflow.db").is_file()
     assert list((store / "mlruns").rglob("picture.txt"))
+
+
+def test_trainings_that_start_concurrently_share_their_images(store: Path) -> None:
+    def start(name: str) -> None:
+        with training_run(name, "d", {}, {"data/render": "aa"}, "data/render", store):
+            pass
+
+    started = []
+
+    def start_another(*_: object) -> None:
+        """Called when MLflow has looked for the images in vain, and before it adds them."""
+        if not started:
+            started.append("id-2")
+            with ThreadPoolExecutor() as pool:  # MLflow keeps a stack of runs for each thread
+                pool.submit(start, "id-2").result()
+
+    event.listen(SqlDataset, "init", start_another)
+    try:
+        start("id-1")
+    finally:
+        event.remove(SqlDataset, "init", start_another)
+    runs = mlflow.search_runs(experiment_names=["trials"], output_format="list")
+    assert started
+    assert [[data.dataset.digest for data in run.inputs.dataset_inputs] for run in runs] == [
+        ["aa"],
+        ["aa"],
+    ]
 
 
 def test_results_without_a_run_get_one(store: Path) -> None:

@@ -10,6 +10,7 @@ import mlflow
 from mlflow.data.code_dataset_source import CodeDatasetSource
 from mlflow.data.meta_dataset import MetaDataset
 from mlflow.entities import Run
+from mlflow.exceptions import MlflowException
 
 from shaftpose.settings.parsing import as_plain, flatten
 from shaftpose.tracking.parents import repro_run, run_name
@@ -73,7 +74,13 @@ def _log_inputs(parameters: Mapping[str, Any], dataset: Mapping[str, str], image
     mlflow.set_tags({f"dataset.{path}": digest for path, digest in dataset.items()})
     digest = dataset.get(images, "unknown")[:36]  # MLflow's limit
     source = CodeDatasetSource(tags={"stage": "render"})
-    mlflow.log_input(MetaDataset(source, name=images, digest=digest), context="training")
+    render = MetaDataset(source, name=images, digest=digest)
+    try:
+        mlflow.log_input(render, context="training")
+    except MlflowException:
+        # Of trainings that start concurrently, each may find that MLflow does not know their
+        # images yet, and all but the first then fail to add them. The second time they are known.
+        mlflow.log_input(render, context="training")
 
 
 def log_results(
