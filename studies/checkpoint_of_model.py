@@ -67,8 +67,10 @@ def load(network: DenseNetwork, model: Path) -> None:
     state = network.state_dict()
     for convolution, name, norm in normalised(network):
         values[f"{name}.running_var"] = torch.full_like(norm.weight, 1 - norm.eps)  # 1 with epsilon
-        if (shift := values.get(f"{convolution}.weight_bias")) is not None:
-            values[f"{name}.bias"] = shift
+        # Named by torch's exporter where it has merged the two, else as in a network.
+        for shift in ("weight_bias", "bias"):
+            if f"{convolution}.{shift}" in values:
+                values[f"{name}.bias"] = values[f"{convolution}.{shift}"]
     known = {
         name for name in values.keys() & state.keys() if values[name].shape == state[name].shape
     }

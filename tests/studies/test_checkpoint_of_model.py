@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.dataset.batches import Batch
-from shaftpose.export.onnx_export import ShaftDetector
+from shaftpose.export.onnx_export import ShaftDetector, export_onnx
 from shaftpose.export.parity import edge_difference, mask_difference
 from shaftpose.inference.learned_edges import LearnedEdges
 from shaftpose.inference.model_files import bundled_model
@@ -46,6 +47,22 @@ def test_the_network_gives_what_the_file_gives(loaded: DenseNetwork) -> None:
     reader = loaded.edge_reader()
     assert reader is not None and model.metadata.edge_reader is not None
     assert edge_difference(reader, LearnedEdges(model.metadata.edge_reader)) < 1e-4
+
+
+def test_the_network_of_an_export_made_here_gives_what_it_gives(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    camera = Camera.from_field_of_view(299, 299, 95.0)
+    network, again = (DenseNetwork((8, 8, 8, 16), camera, None, E_LOSS) for _ in range(2))
+    images = np.random.default_rng(1).integers(0, 256, (2, 299, 299, 3), np.uint8)
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.momentum = None  # statistics of images, instead of none
+            nn.init.normal_(module.bias)
+    network(normalise_images(torch.from_numpy(images)))
+    export_onnx(ShaftDetector(network.eval(), LIMITS), tmp_path / "here.onnx", 299)
+    load(again, tmp_path / "here.onnx")
+    model = Predictor(tmp_path / "here.onnx", "none")
+    assert mask_difference(ShaftDetector(again.eval(), LIMITS), model, images) < 1e-4
 
 
 def test_a_training_begins_with_what_the_network_knew(loaded: DenseNetwork) -> None:

@@ -4,6 +4,8 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from copy import deepcopy
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import onnx
 import torch
 from onnxscript import opset20
 from torch import Tensor, nn
+from torch.nn.utils import fuse_conv_bn_eval
 
 from shaftpose.core.files import new_file
 from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
@@ -58,7 +61,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
     The number of images stays dynamic, and their size if the network takes any. The detector is
     exported in evaluation mode, on the CPU.
     """
-    exported = detector.cpu().eval()
+    exported = _with_folded_norms(detector.cpu().eval())
     # Two images: an example of one would fix the batch dimension to one.
     example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
     # The exporter finds the least sizes itself; with `Dim`s it would trace once more for them.
@@ -104,6 +107,20 @@ def store_metadata(path: Path, metadata: ModelMetadata) -> None:
     onnx.helper.set_model_props(model, metadata.as_text())
     with new_file(path) as part:
         onnx.save(model, str(part), format="protobuf")
+
+
+def _with_folded_norms(detector: ShaftDetector) -> ShaftDetector:
+    """A copy in which each batch normalisation is part of the convolution before it.
+
+    The exporter does this itself in the end, but takes half as long again for the larger network.
+    """
+    folded = deepcopy(detector)
+    for module in folded.modules():
+        for (before, conv), (after, norm) in pairwise([*module.named_children()]):
+            if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+                setattr(module, before, fuse_conv_bn_eval(conv, norm))
+                setattr(module, after, nn.Identity())
+    return folded
 
 
 def _onnx_nms_mask(boxes: Any, scores: Any, iou_threshold: float) -> Any:
