@@ -17,7 +17,7 @@ from shaftpose.core.images import write_jpeg
 from shaftpose.core.samples import Instrument, Sample, sample_key
 from shaftpose.core.shard_writer import ShardWriter, shard_name
 from shaftpose.dataset.coco_folder import copy_folder
-from tests.pipeline.conftest import Run
+from tests.pipeline.conftest import Run, replace_in
 
 
 def complaint(run: Run, *command: str) -> str:
@@ -55,6 +55,24 @@ def test_render_settings(run: Run, tmp_path: Path, override: str, named: str) ->
 def test_a_missing_size_is_named(run: Run, tmp_path: Path) -> None:
     line = complaint(run, "pipelines/split.py", f"out={tmp_path}", "~profiles.smoke.depth")
     assert line == "error: conf/profiles.yaml: smoke.depth is missing; add it"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("view_deg: 95.0", "view_deg: 95.0: 3", "error: params.yaml: no YAML: mapping values"),
+        ("preset: none", "", "error: params.yaml: lacks `preset`; set it to none"),
+    ],
+)
+def test_what_is_wrong_with_the_settings_as_a_whole_is_named(
+    run: Run, clone: Path, tmp_path: Path, old: str, new: str, named: str
+) -> None:
+    params = clone / "params.yaml"
+    whole = params.read_text()
+    replace_in(params, old, new)
+    line = complaint(run, "pipelines/split.py", f"out={tmp_path}")
+    params.write_text(whole)
+    assert line.startswith(named)
 
 
 def test_beta_of_the_wrong_length(run: Run, tmp_path: Path) -> None:

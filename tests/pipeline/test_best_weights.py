@@ -35,6 +35,8 @@ def test_the_best_weights_are_kept_over_an_interruption(tmp_path: Path) -> None:
     resumed = Training(tmp_path, overrides)
     assert resumed.trainer.global_step == 5
     assert step_of(tmp_path) == 2
+    Training(tmp_path, overrides)  # after a failure behind the last step
+    assert step_of(tmp_path) == 2
 
 
 @pytest.mark.usefixtures("measured")
@@ -55,8 +57,10 @@ def test_the_last_weights_are_kept_without_being_asked(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("measured")
 def test_validations_without_progress_end_a_training(tmp_path: Path) -> None:
-    ended = Training(tmp_path, (*EACH_STEP, "training.patience=2", "training.keep_best=true"))
+    overrides = (*EACH_STEP, "training.patience=2", "training.keep_best=true")
+    ended = Training(tmp_path, overrides)
     assert ended.trainer.global_step == 4
+    assert Training(tmp_path, overrides).trainer.global_step == 4  # after a failure behind its end
     assert [step for step, name, _ in ended.curves.rows if name == "validation/mAP"] == [0, 1, 2, 3]
     assert step_of(tmp_path) == 2
 

@@ -177,7 +177,7 @@ def test_the_detector_lists_what_train_lists_but_for_poses_and_real_images() -> 
         text = str(entries(stage, "params")).replace("${item.variant}", "detector")
         return set(re.findall(r"[\w.${}/]+", text))
 
-    of_e = {"camera", "shaft", "lens", "lens.distortion"}
+    of_e = {"shaft", "lens", "lens.distortion"}
     assert listed("train") - listed("detector") == {"${profile}.steps", *of_e}
     assert listed("detector") - listed("train") == {
         "loss.alpha", "camera.size_px", "${profile}.detector_steps"
@@ -199,11 +199,8 @@ def keys_listed(stage: str) -> dict[str, list[str]]:
 def test_a_stage_lists_a_section_of_the_preset_with_that_of_params(stage: str) -> None:
     sections = yaml.safe_load((ROOT / "conf/preset/none.yaml").read_text()).keys()
     listed = keys_listed(stage)
-    of_params = set(listed["params.yaml"]) - {"camera.size_px"}  # which no preset sets
-    assert (
-        set(listed.get("conf/preset/${preset}.yaml", []))
-        == {key.partition(".")[0] for key in of_params} & sections
-    )
+    of_params = {key.partition(".")[0] for key in listed["params.yaml"]}
+    assert set(listed.get("conf/preset/${preset}.yaml", [])) == of_params & sections
 
 
 @pytest.mark.parametrize("path", VARIANT_FILES, ids=lambda p: p.stem)

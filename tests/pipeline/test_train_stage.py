@@ -127,10 +127,13 @@ def test_a_job_that_fails_does_not_keep_others_of_its_sweep(
     monkeypatch.chdir(folder)
     sweep = ("hydra.sweep.dir=sweeps/mine", "loss.alpha=-1,1.5", "-m")
     with pytest.raises(SystemExit) as ended:
-        run_here(SCRIPT, *OUT, *SIZES, *CPU, *sweep)
-    assert ended.value.code == 1
-    assert "error: params.yaml: loss.alpha = -1" in "".join(capsys.readouterr())
-    assert facts(folder)["variant"]["loss"]["alpha"] == 1.5
+        run_here(SCRIPT, *SIZES, *CPU, *sweep)
+    assert ended.value.code == "error: failed jobs: sweeps/mine/0/error.txt"
+    printed = "".join(capsys.readouterr())
+    assert "error: params.yaml: loss.alpha = -1" in printed
+    assert Path("sweeps/mine/0/error.txt").read_text().startswith("error: params.yaml: loss.alpha")
+    assert Path("sweeps/mine/1/model.ckpt").is_file()
+    assert "page: " in printed and Path("sweeps/mine/sweep.html").is_file()
 
 
 def test_a_batch_that_processes_cannot_share_is_refused(folder: Path) -> None:

@@ -93,7 +93,16 @@ def test_a_variant_starts_from_the_detectors_weights(folder: Path, tmp_path: Pat
         assert all(torch.equal(weights[name], state[f"network.{name}"]) for name in learned)
     with pytest.raises(InputError, match=r"'depth': 0.25}, not of .*'depth': 0.5}.*start=null"):
         started(path, "profiles.smoke.depth=0.5")
-    state.pop("network.head.box_convs.0.bias")
+    bias = state.pop("network.head.box_convs.0.bias")
+    torch.save(
+        {
+            "state_dict": state | {"network.head.box_convs.0.bias": bias[1:]},
+            "identity": detector.identity,
+        },
+        path,
+    )
+    with pytest.raises(InputError, match=r"weights of other shapes; .*start=null"):
+        started(path)
     torch.save({"state_dict": state, "identity": detector.identity}, path)
     with pytest.raises(InputError, match=r"head.box_convs.0.bias is not in both networks"):
         started(path)
@@ -112,6 +121,11 @@ def test_a_variant_has_the_noise_and_the_real_images_of_its_file(
     assert others == ([UniformNoise(noise)] if noise else [])
     assert images.mixed_in_share == (pytest.approx(2 / 11) if real else 0)
     assert (0 if images.mixed_in is None else len(images.mixed_in)) == real
+
+
+def test_random_views_without_masks_are_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match="^variant.views = true: the network of variant d learns"):
+        data_of(folder, "variant=d", "variant.views=true")
 
 
 def test_images_in_memory_are_augmented_alike(folder: Path) -> None:

@@ -11,7 +11,8 @@ from shaftpose.sweeps.table import read_table
 from shaftpose.tracking.sweeps import start_sweep
 from shaftpose.tracking.trainings import training_run
 
-SHORTER = "profiles.smoke.steps=9", "training.max_hours=1"
+SHORTER = "profiles.demo.steps=9", "profiles.smoke.batch_size=2", "training.max_hours=1"
+RATE = "profiles.demo.learning_rate=0.002"
 MEASURED = {  # alpha, gamma -> mAP, tip
     (0.5, 1): (0.96, 8.0), (0.5, 5): (0.95, 6.0), (1.5, 1): (0.5, 2.0), (1.5, 5): (0.97, None),
 }  # fmt: skip
@@ -28,6 +29,7 @@ def sweep(store: Path) -> Path:
             f"loss.alpha={alpha}",
             f"loss.gamma={gamma}",
             "profile=smoke",
+            RATE,
             *SHORTER,
         ]
         parameters = {"loss": {"alpha": alpha, "gamma": gamma}, "variant": {"name": "d"}}
@@ -49,9 +51,8 @@ def test_a_sweep_ends_with_a_table_and_the_best_job(
         ["0.5", "1", "0.960", "n/a", "8.00", "n/a"],
         ["1.5", "1", "0.500", "n/a", "2.00", "n/a"],
     ]
-    assert (
-        "at full length: python pipelines/train.py variant=d loss.alpha=0.5 loss.gamma=5" in printed
-    )
+    command = f"python pipelines/train.py variant=d loss.alpha=0.5 loss.gamma=5 {RATE}"
+    assert f"at full length: {command}" in printed
     assert any(line.startswith("MLflow: http://127.0.0.1:5000/#/experiments/") for line in printed)
     for name in ("sweep_lines.png", "sweep_maps.png"):
         assert (sweep / name).read_bytes().startswith(b"\x89PNG")

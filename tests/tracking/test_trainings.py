@@ -4,9 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import mlflow
+import pytest
 from mlflow.store.tracking.dbmodels.models import SqlDataset
 from sqlalchemy import event
 
+from shaftpose.tracking.connection import connect
 from shaftpose.tracking.trainings import log_results, training_run
 
 
@@ -74,6 +76,25 @@ def test_a_runs_duration_is_that_of_its_training(store: Path) -> None:
     assert after.info.status == "FINISHED"
     assert after.data.metrics["test/mAP"] == 0.5
     assert mlflow.artifacts.load_text(f"{after.info.artifact_uri}/settings.yaml") == "seed: 7\n"
+
+
+def test_a_training_goes_on_in_the_experiment_where_it_began(store: Path) -> None:
+    for experiment in ("trials", "later"):
+        connect(None, experiment)
+        with training_run("id-1", "d", {}, {}, "data/render", store):
+            pass
+    (run,) = mlflow.search_runs(search_all_experiments=True, output_format="list")
+    assert mlflow.get_experiment(run.info.experiment_id).name == "trials"
+
+
+def test_a_failed_evaluation_leaves_a_training_finished(store: Path) -> None:
+    with training_run("id-1", "d", {}, {}, "data/render", store):
+        pass
+    (before,) = mlflow.search_runs(output_format="list")
+    with pytest.raises(FileNotFoundError):
+        log_results("id-1", "d", {}, {"figure": store / "missing.png"})
+    (after,) = mlflow.search_runs(output_format="list")
+    assert (after.info.status, after.info.end_time) == ("FINISHED", before.info.end_time)
 
 
 def test_the_last_values_of_a_run_are_those_of_the_weights_that_it_keeps(store: Path) -> None:

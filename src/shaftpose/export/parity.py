@@ -112,7 +112,7 @@ def mask_difference(
     with torch.inference_mode():
         *_, shafts, tools = detector.eval()(torch.from_numpy(images))
     pairs = (shafts, predictor.masks(images)), (tools, predictor.tools(images))
-    return max(float(np.abs(one.numpy() - other).max()) for one, other in pairs)
+    return float(np.max([np.abs(one.numpy() - other).max() for one, other in pairs]))
 
 
 def edge_difference(reader: nn.Module, edges: LearnedEdges) -> float:

@@ -58,7 +58,10 @@ def start_from_detector(path: Path, network: PoseNetwork, identity: dict[str, fl
     own = {name for name in network.state_dict() if not name.startswith(_OF_POSES)}
     if different := sorted(own ^ weights.keys()):
         raise InputError(f"{path}: {different[0]} is not in both networks; {_ANOTHER_START}")
-    network.load_state_dict(weights, strict=False)
+    try:
+        network.load_state_dict(weights, strict=False)
+    except RuntimeError as error:
+        raise InputError(f"{path}: weights of other shapes; {_ANOTHER_START}") from error
 
 
 def identity_of(path: Path) -> Identity:

@@ -30,7 +30,8 @@ def composed(root: Path, *overrides: str) -> DictConfig:
         try:
             config = compose("config", ["out=here", *overrides], return_hydra_config=True)
         except HydraException as error:
-            raise InputError(f"{' '.join(overrides)}: {str(error).splitlines()[0]}") from error
+            where = " ".join(overrides) or "params.yaml or conf/"
+            raise InputError(f"{where}: {str(error).splitlines()[0]}") from error
         HydraConfig.instance().set_config(config)
         OmegaConf.set_struct(config, False)
         del config["hydra"]

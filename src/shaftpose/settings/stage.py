@@ -7,38 +7,44 @@ from collections.abc import Callable
 from pathlib import Path
 
 import hydra
-import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.schema import RunSize
-from shaftpose.settings.tree import Settings, read_settings
+from shaftpose.settings.tree import Settings, read_settings, read_yaml
 
 logger = logging.getLogger(__name__)
+
+_ERROR = "error.txt"
 
 
 def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
     """Turn a function of the settings into the main function of its script in pipelines/.
 
     An error that the user can fix ends the script with one line and status 1, without a traceback.
-    In a sweep only the job fails: Hydra runs the others and exits with status 1.
+    In a sweep it ends the job alone and is kept in its folder, see `failed_jobs`.
     """
     root = Path(function.__code__.co_filename).resolve().parents[1]
-    let_params_choose_preset(root)
+    with exit_on_input_error():
+        let_params_choose_preset(root)
 
     @functools.wraps(function)
     def run(composed: DictConfig) -> None:
+        kept_error = Path(HydraConfig.get().runtime.output_dir) / _ERROR
+        kept_error.unlink(missing_ok=True)  # from an earlier start of the sweep
         try:
             function(resolved_settings(composed, root))
         except InputError as error:
-            if HydraConfig.get().mode is RunMode.MULTIRUN:
-                logger.error("error: %s", last_line(error))
-                raise
-            sys.exit(f"error: {last_line(error)}")
+            message = f"error: {last_line(error)}"
+            if HydraConfig.get().mode is RunMode.RUN:
+                sys.exit(message)
+            # Raised, it would keep Hydra from ending the sweep, and so from summarising it.
+            logger.error("%s", message)
+            kept_error.write_text(f"{message}\n")
         except KeyboardInterrupt:
             sys.exit(
                 "interrupted; run the same command to resume from finished shards or the last "
@@ -51,17 +57,26 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
     return main
 
 
+def failed_jobs(sweep: Path) -> list[Path]:
+    """The files with the errors that have ended jobs of the sweep in this folder."""
+    return sorted(sweep.glob(f"*/{_ERROR}"))
+
+
 def let_params_choose_preset(root: Path) -> None:
     """Make `${preset:}` in conf/config.yaml the value of `preset` in params.yaml.
 
     A plain `${preset}` would fail: Hydra chooses the files to compose before it reads any value.
-    `preset=NAME` on the command line overrides it.
+    `preset=NAME` on the command line overrides it. Raises InputError if the file, or that of the
+    profiles, is no YAML: Hydra would show its own traceback.
     """
-
-    def preset() -> str:
-        return str(yaml.safe_load((root / "params.yaml").read_text())["preset"])
-
-    OmegaConf.register_new_resolver("preset", preset, replace=True)
+    remedy = "take it from git again, then repeat your change"
+    params, _ = (
+        read_yaml(root / name, f"{name}: ", remedy)
+        for name in ("params.yaml", "conf/profiles.yaml")
+    )
+    if "preset" not in params:
+        raise InputError("params.yaml: lacks `preset`; set it to none")
+    OmegaConf.register_new_resolver("preset", lambda: str(params["preset"]), replace=True)
 
 
 def last_line(error: InputError) -> str:

@@ -166,6 +166,17 @@ def check_variants(settings: Settings, root: Path) -> None:
         named[title] = name
 
 
+def read_yaml(path: Path, where: str, remedy: str) -> dict[str, Any]:
+    """Read a file of settings. Raises InputError, which begins with `where`, if it holds none."""
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{where}no YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{where}holds no settings; {remedy}")
+    return values
+
+
 def read_variant(name: str, root: Path, size: RunSize) -> Variant:
     """Read the variant of a name, whose network and loss still refer to other settings.
 
@@ -177,12 +188,7 @@ def read_variant(name: str, root: Path, size: RunSize) -> Variant:
         known = ", ".join(sorted(found.stem for found in path.parent.glob("*.yaml")))
         raise InputError(f"params.yaml: variants: {name!r}: unknown; choose from {known}")
     where = f"conf/variant/{name}.yaml: "
-    try:
-        values = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
-        raise InputError(f"{where}no YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(values, dict):
-        raise InputError(f"{where}holds no settings; copy conf/variant/d.yaml and change it")
+    values = read_yaml(path, where, "copy conf/variant/d.yaml and change it")
     if "name" in values:
         raise InputError(f"{where}name = {values['name']!r}: remove it, the file's name is used")
     sizes = {f"${{size.{key}}}": value for key, value in vars(size).items()}

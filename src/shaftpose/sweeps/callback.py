@@ -1,11 +1,14 @@
 """Hydra's callback that tracks a sweep (multirun) in MLflow and summarises it."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
+
+from shaftpose.settings.stage import failed_jobs
 
 
 class SweepTracking(Callback):
@@ -23,10 +26,13 @@ class SweepTracking(Callback):
         start_sweep(folder, experiment, swept(config.hydra.overrides.task))
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Print the jobs' table, and add it to the parent run."""
+        """Print the jobs' table, and add it to the parent run; exit with 1 if a job has failed."""
         from shaftpose.sweeps.summary import summarise
 
-        summarise(Path(config.hydra.sweep.dir).resolve(), config.report.champion_margin)
+        folder = Path(config.hydra.sweep.dir)
+        summarise(folder.resolve(), config.report.champion_margin)
+        if failed := failed_jobs(folder):
+            sys.exit(f"error: failed jobs: {', '.join(map(str, failed))}")
 
 
 def swept(overrides: list[str]) -> dict[str, str]:

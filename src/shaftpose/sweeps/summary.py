@@ -1,5 +1,6 @@
 """The summary of a sweep: its jobs' settings and metrics, and which is the best."""
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,10 @@ from shaftpose.tracking.sweeps import SweepRun, add_summary, read_sweep, sweep_r
 from shaftpose.tracking.views import view_link
 
 PHASE = "validation"
+_SHORTER = re.compile(
+    r"profiles\.\w+\.(steps|detector_steps|warmup_steps|validate_every)=|profiles\.smoke\."
+    r"|profile=smoke$|training\.max_hours=|hydra"
+)
 SHOWN = metrics_named("mAP", "detected_rate", "tip_mm", "axis_deg")
 
 
@@ -81,10 +86,9 @@ def _cells(values: Mapping[str, float | int | None]) -> list[str]:
 
 
 def full_training(best: SweepRun) -> str:
-    """The command that repeats a run outside of the sweep, without what made it shorter: sizes and
-    a time limit of its own, and the profile `smoke`."""
-    shorter = ("profiles.", "profile=smoke", "training.max_hours=", "hydra")
-    kept = [one for one in best.overrides if not one.startswith(shorter)]
+    """The command that repeats a run outside of the sweep, without what made it shorter: numbers of
+    steps and a time limit of its own, and the profile `smoke`."""
+    kept = [one for one in best.overrides if not _SHORTER.match(one)]
     return shlex.join(["python", "pipelines/train.py", *kept])
 
 

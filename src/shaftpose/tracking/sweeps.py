@@ -66,9 +66,9 @@ class SweepRun(NamedTuple):
 def sweep_runs(folder: Path) -> list[SweepRun]:
     """The trainings of a sweep, including unfinished ones, in the order of their first start.
 
-    Of trainings with equal parameters only the last is returned: a sweep that is run again trains
-    its jobs again if code or data have changed. Raises InputError if no sweep was tracked from
-    `folder`.
+    Of trainings with equal overrides only the last is returned: a sweep that is run again trains
+    its jobs again if code, data or other settings have changed. Raises InputError if no sweep was
+    tracked from `folder`.
     """
     sweep = read_sweep(folder)
     if sweep is None:
@@ -79,7 +79,7 @@ def sweep_runs(folder: Path) -> list[SweepRun]:
         order_by=["attributes.start_time ASC"],
         output_format="list",
     )
-    latest = {frozenset(run.data.params.items()): run for run in found}
+    latest = {run.data.tags.get(OVERRIDES_TAG): run for run in found}
     return [_sweep_run(run) for run in latest.values()]
 
 

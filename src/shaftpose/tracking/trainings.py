@@ -49,6 +49,8 @@ def training_run(
     if sweep is not None:
         mlflow.set_experiment(sweep.experiment)
     parent, known = sweep.run_id if sweep else repro_run(), _find_run(training_id)
+    if known is not None:
+        _enter_experiment_of(known)
     with mlflow.start_run(
         run_id=known,
         run_name=run_name(variant, overrides, sweep.swept if sweep else None),
@@ -105,11 +107,22 @@ def reopened_run(training_id: str, name: str) -> Iterator[None]:
     Its end stays that of the training, so that MLflow shows how long the training took.
     """
     client, run_id = mlflow.MlflowClient(), run_of(training_id, name)
-    run = client.get_run(run_id).info
-    mlflow.set_experiment(experiment_id=run.experiment_id)  # of its sweep, perhaps
-    with mlflow.start_run(run_id=run_id):
-        yield
-    client.set_terminated(run_id, end_time=run.end_time)
+    end_time = client.get_run(run_id).info.end_time
+    _enter_experiment_of(run_id)
+    try:
+        with mlflow.start_run(run_id=run_id):
+            yield
+    finally:  # the training is finished, even if what follows it has failed
+        client.set_terminated(run_id, end_time=end_time)
+
+
+def _enter_experiment_of(run_id: str) -> None:
+    """Make the experiment of a run the active one: MLflow opens no run of another.
+
+    It may be a sweep's, or that of earlier settings.
+    """
+    experiment = mlflow.MlflowClient().get_run(run_id).info.experiment_id
+    mlflow.set_experiment(experiment_id=experiment)
 
 
 def run_of(training_id: str, name: str) -> str:

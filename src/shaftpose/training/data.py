@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from shaftpose.core.errors import InputError
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_images import CocoImage
@@ -47,8 +48,13 @@ def training_data(
     """Training images, augmented, with a variant's share of those without poses, and validation
     images.
 
-    with_instances: see `RenderedImages`.
+    with_instances: see `RenderedImages`. Raises InputError if random views are to be taken without.
     """
+    if recipe.variant.views and not with_instances:
+        raise InputError(
+            f"variant.views = true: the network of variant {recipe.variant.name} learns no masks, "
+            "which random views need; set it to false"
+        )
     settings, size, variant = recipe.training, recipe.size, recipe.variant
     shards, side_px = ShardedDataset(folders.rendered), recipe.camera.size_px
     rendered: Images = RenderedImages(shards, read_keys(folders.split, "train"), with_instances)

@@ -99,7 +99,12 @@ class Recipe:
         """The settings by which a tracked run is found; beta's parts have a name each."""
         beta = dict(zip(POSE_DIMENSIONS, self.loss.beta, strict=True))
         weights = {"alpha": self.loss.alpha, "gamma": self.loss.gamma, "beta": beta}
-        return self.fingerprint_fields() | self.comparison_key() | {"loss": weights}
+        named = {
+            "variant": without({"title"}, self.variant),
+            "loss": weights,
+            "detection": as_plain(self.detection),
+        }
+        return self.fingerprint_fields() | self.comparison_key() | named
 
 
 def without(names: Set[str], settings: object) -> dict[str, Any]:

@@ -94,7 +94,7 @@ class LastCheckpoint(Checkpoint):
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Write the state, unless the training is over or has not begun."""
-        if not trainer.sanity_checking and trainer.global_step < trainer.max_steps:
+        if not trainer.sanity_checking and not trainer.should_stop:
             self._write(trainer)
 
     def _write(self, trainer: Trainer) -> None:

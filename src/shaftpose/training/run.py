@@ -156,4 +156,6 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path)
         logger.info("ended by max_hours or patience after %d steps", trainer.global_step)
     trainer.save_checkpoint(folder / CHECKPOINT, weights_only=True)
     if trainer.is_global_zero and (folder / BEST_CHECKPOINT).is_file():
-        (folder / BEST_CHECKPOINT).replace(folder / CHECKPOINT)
+        # Copied: a training that is resumed behind its last step chooses between the same weights.
+        with new_file(folder / CHECKPOINT) as part:
+            shutil.copyfile(folder / BEST_CHECKPOINT, part)

@@ -93,7 +93,8 @@ class BestWeights(Callback):
         """Write the weights if they are the best so far."""
         if trainer.sanity_checking:
             return
-        found = float(trainer.callback_metrics[MERIT])
+        # Of one rank: all must write together, but their values may differ in rounding.
+        found = trainer.strategy.broadcast(float(trainer.callback_metrics[MERIT]))
         if found > self._best:
             self._best = found
             trainer.save_checkpoint(self._path, weights_only=True)
