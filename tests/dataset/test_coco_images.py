@@ -197,6 +197,17 @@ def test_jaws_may_be_in_front_of_a_tip_where_no_tool_is_outlined(tmp_path: Path)
     assert (instances == UNKNOWN).sum() == pytest.approx(np.pi * 20**2 / 2, rel=0.02)
 
 
+def test_jaws_may_be_in_front_of_a_shaft_without_a_mask(tmp_path: Path) -> None:
+    shaft = replace(box_only(0, 36, 60, 44), axis=((60.0, 40.0), (0.0, 40.0)))
+    instances = load_frame(frame(tmp_path, instruments=(shaft,)), 80).instances
+    ahead = rectangle(60, 0, 120, 80) == 1
+    assert mask_box((instances == UNKNOWN) & ahead) == (60, 20, 80, 60)
+    assert mask_box(instances == UNKNOWN) == (0, 20, 80, 60)  # its box, and half a disc
+    tool = CocoTool(CompressedMask.of(rectangle(0, 36, 70, 44)), shaft_known=False)
+    outlined = load_frame(frame(tmp_path, instruments=(shaft,), tools=(tool,)), 80).instances
+    assert mask_box(outlined == UNKNOWN) == (0, 36, 60, 44)
+
+
 def test_crowds_and_shafts_without_a_mask_are_unknown_in_a_frame(tmp_path: Path) -> None:
     parts = {"instruments": (box_only(10, 10, 30, 20),), "crowds": (box_only(50, 40, 70, 60),)}
     loaded = load_frame(frame(tmp_path, **parts), 80)

@@ -1,6 +1,5 @@
 """Images annotated without poses: their central squares, and whole frames for training."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -185,7 +184,7 @@ def load_frame(image: CocoImage, short_px: int) -> FrameImage:
     """The whole frame, its shorter side scaled down to `short_px`; smaller frames keep their size.
 
     Shafts without a mask are no rows of the arrays; their boxes are `UNKNOWN`, as those of crowds.
-    Where no whole tools are outlined, the pixels in front of tips are `UNKNOWN`: jaws may be there.
+    Where no whole tools are outlined, so are the pixels in front of all tips: jaws may be there.
     """
     rgb = read_pixels(image)
     shrink = min(1.0, short_px / min(image.width, image.height))
@@ -195,7 +194,7 @@ def load_frame(image: CocoImage, short_px: int) -> FrameImage:
     tips = np.array([shaft.axis[0] for shaft in shafts]).reshape(-1, 2) * scale
     return FrameImage(
         rgb=resized(rgb, width, height),
-        instances=_frame_instances(image, shafts, tips, (height, width)),
+        instances=_frame_instances(image, scale, (height, width)),
         boxes=np.array([shaft.box for shaft in shafts]).reshape(-1, 4) * np.tile(scale, 2),
         tips_px=tips,
         field=None
@@ -205,28 +204,29 @@ def load_frame(image: CocoImage, short_px: int) -> FrameImage:
 
 
 def _frame_instances(
-    image: CocoImage,
-    shafts: Sequence[CocoInstrument],
-    tips_px: NDArray[np.float64],
-    size: tuple[int, int],
+    image: CocoImage, scale: NDArray[np.float64], size: tuple[int, int]
 ) -> NDArray[np.uint8]:
-    """The map (h, w) of a frame scaled to `size`: shafts over tools, and what nobody has annotated
-    over both."""
+    """The map (h, w) of a frame scaled to `size`, by `scale` along x and y: shafts over tools, and
+    what nobody has annotated over both."""
 
     def scaled(mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
         return resized(mask, size[1], size[0]).astype(bool)
 
-    masks = [scaled(covered(shaft, image)) for shaft in shafts]
+    shafts = [(shaft, scaled(covered(shaft, image))) for shaft in image.instruments]
     instances = np.zeros(size, dtype=np.uint8)
     if not image.tools:
-        for mask, tip in zip(masks, tips_px, strict=True):
-            instances[_in_front(mask, tip)] = UNKNOWN
+        for shaft, area in shafts:
+            instances[_in_front(area, np.array(shaft.axis[0]) * scale)] = UNKNOWN
     for tool in sorted(image.tools, key=lambda tool: not tool.shaft_known):
         instances[scaled(tool.mask.pixels())] = TOOL if tool.shaft_known else TOOL_OR_SHAFT
-    for number, mask in enumerate(masks, 1):
-        instances[mask] = number
-    for unknown in [*image.crowds, *(s for s in image.instruments if s.mask is None)]:
-        instances[scaled(covered(unknown, image))] = UNKNOWN
+    outlined = (area for shaft, area in shafts if shaft.mask is not None)
+    for number, area in enumerate(outlined, 1):
+        instances[area] = number
+    for area in (
+        *(scaled(covered(crowd, image)) for crowd in image.crowds),
+        *(area for shaft, area in shafts if shaft.mask is None),
+    ):
+        instances[area] = UNKNOWN
     return instances
 
 
