@@ -1,6 +1,6 @@
 # All of the project, for CPUs:
 #   docker build -t shaftpose .
-#   docker run --rm shaftpose shaftpose demo
+#   docker run --rm -v "$PWD/outputs:/shaftpose/outputs" shaftpose shaftpose demo --out outputs/demo
 FROM python:3.11-slim-bookworm
 
 WORKDIR /shaftpose

@@ -91,6 +91,15 @@ def test_a_worker_without_shaftpose_is_named(tmp_path: Path) -> None:
                 worker.terminate()
 
 
+def test_a_worker_without_a_package_that_the_work_needs_is_named() -> None:
+    with (
+        LocalCluster(n_workers=1, host="127.0.0.1", dashboard_address=None) as cluster,
+        pytest.raises(InputError, match=r"no absent-package on this Dask worker \(1 of 1\)"),
+        workers.client_of(cluster.scheduler_address, "absent-package"),
+    ):
+        pass
+
+
 def test_an_address_that_is_none_is_named() -> None:
     with (
         pytest.raises(InputError, match="carrier-pigeon://nowhere: no Dask"),

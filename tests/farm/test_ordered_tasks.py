@@ -121,5 +121,5 @@ def test_a_lost_scheduler_is_named() -> None:
             idle.close()
             yield 0.0
 
-        with pytest.raises(InputError, match="scheduler is lost; .*run again with another --out"):
+        with pytest.raises(InputError, match="scheduler is lost; .*repeat the command"):
             list(in_order(client, slept, tasks()))

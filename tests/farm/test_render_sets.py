@@ -382,6 +382,19 @@ def test_a_lost_scheduler_ends_the_run(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_scheduler_that_is_lost_before_the_first_shard_ends_the_run(
+    rendered: RenderedSet, tmp_path: Path
+) -> None:
+    with (
+        LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as idle,
+        dask_workers.client_of(idle.scheduler_address) as client,
+    ):
+        client.timeout = 0.1
+        idle.close()
+        with pytest.raises(InputError, match="scheduler is lost; run again to continue$"):
+            render(rendered, tmp_path, client)
+
+
 # The run itself is interrupted or killed, or started twice.
 
 

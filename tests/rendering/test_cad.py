@@ -154,6 +154,13 @@ def test_an_unusual_size_is_used_with_a_warning(
     assert bool(caplog.records) == (unit == "mm")
 
 
+def test_a_file_that_is_flat_along_its_axis_is_named(tmp_path: Path) -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [100, 0, 0], [0, 3, 0]], [[0, 1, 2]])
+    path = write(sheet, tmp_path / "sheet.stl")
+    with pytest.raises(InputError, match=f"^{path}: flat along z; set shaft.cad.axis"):
+        cad_mesh(CadSettings(path, "mm", axis="z"))
+
+
 def test_a_size_that_no_unit_explains(tmp_path: Path) -> None:
     body = instrument()
     body.apply_scale(1e-6)

@@ -29,11 +29,11 @@ _JOB_LOGS = "outputs/slurm"
 def cluster_client(settings: ClusterSettings) -> Iterator[Client]:
     """A Dask client of the workers that the settings describe; those it starts end with the block.
 
-    Raises InputError if the scheduler does not answer, one of its workers has no shaftpose, or
-    Slurm is missing or refuses the jobs.
+    Raises InputError if the scheduler does not answer, one of its workers lacks a package that
+    renders, or Slurm is missing or refuses the jobs.
     """
     if settings.slurm is None:
-        with client_of(settings.address or settings.workers) as client:
+        with client_of(settings.address or settings.workers, "bpy", "trimesh") as client:
             yield client
     else:
         with slurm_cluster(settings.slurm) as cluster:

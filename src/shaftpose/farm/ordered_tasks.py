@@ -2,13 +2,11 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
 from typing import TypeVar
 
 from distributed import Client, Future, KilledWorker
-from distributed.client import ClosedClientError
 
-from shaftpose.core.errors import InputError
+from shaftpose.farm.workers import naming_lost_scheduler
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -29,20 +27,9 @@ def in_order(
     died, even of other tasks. Raises InputError if the connection to the scheduler is lost or the
     scheduler cannot import a task; exceptions of `work` are passed on.
     """
-    try:
+    remedy = "finished results are kept: repeat the command, with --resume if it has --out"
+    with naming_lost_scheduler(remedy):
         yield from _results(client, work, tasks)
-    except (CancelledError, ClosedClientError) as error:
-        raise InputError(
-            "the connection to the Dask scheduler is lost; finished results are kept; run again "
-            "with another --out"
-        ) from error
-    except RuntimeError as error:
-        if not isinstance(error.__cause__, ImportError | AttributeError):
-            raise
-        raise InputError(
-            f"the Dask scheduler cannot import a task ({error.__cause__}); install the same "
-            "versions on its machine as here, then run again with another --out"
-        ) from error
 
 
 def _results(

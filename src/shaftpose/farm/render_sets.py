@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -16,6 +16,7 @@ from shaftpose.farm.cluster import cluster_client
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.set_folder import link_shards, matches_checksum, write_set
 from shaftpose.farm.shard_task import RunParameters, render_shard
+from shaftpose.farm.workers import naming_lost_scheduler
 from shaftpose.rendering.rendered_set import RenderedSet, Shard, software
 from shaftpose.settings.schema import ClusterSettings
 
@@ -53,7 +54,8 @@ def render_set(
         missing = [shard for shard, done in zip(shards, finished, strict=True) if not done]
         logger.info("rendering %d of %d shards in %s", len(missing), len(shards), folder)
         write_set(rendered, folder)
-        _render(missing, RunParameters(software(), str(folder), hang_s), client)
+        with naming_lost_scheduler("run again to continue"):
+            _render(missing, RunParameters(software(), str(folder), hang_s), client)
         with naming_full_disk(out):
             link_shards(shards, out)
 
@@ -94,10 +96,6 @@ def _await(tasks: Iterable[Future], shards: dict[Future, Shard], progress: "_Pro
         except KilledWorker as error:
             raise InputError(
                 f"{shard.path.name}: every Dask worker that rendered it died; see {shard.log}"
-            ) from error
-        except CancelledError as error:
-            raise InputError(
-                "the connection to the Dask scheduler is lost; run again to continue"
             ) from error
         progress.show(shard.path.name, shard.count)
 

@@ -2,10 +2,12 @@
 
 import logging
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 
 from distributed import Client, LocalCluster
+from distributed.client import ClosedClientError
 
 from shaftpose.core.errors import InputError
 
@@ -20,20 +22,40 @@ _ANSWER_S = 30.0
 
 
 @contextmanager
-def client_of(workers: int | str) -> Iterator[Client]:
+def client_of(workers: int | str, *packages: str) -> Iterator[Client]:
     """A Dask client of new processes of this machine or of a running scheduler.
 
-    workers: the number of processes, which end with the block, or the scheduler's address. Raises
-    InputError if the scheduler does not answer or one of its workers has no shaftpose.
+    workers: the number of processes, which end with the block, or the scheduler's address.
+    packages: that its workers need, besides shaftpose. Raises InputError if the scheduler does not
+    answer or one of its workers lacks a package.
     """
     with ExitStack() as stack:
         if isinstance(workers, str):
             client = stack.enter_context(_client_at(workers))
-            _check_workers(client)
+            _check_workers(client, "shaftpose", *packages)
         else:
             cluster = stack.enter_context(_local(workers))
             client = stack.enter_context(Client(cluster, set_as_default=False))
         yield client
+
+
+@contextmanager
+def naming_lost_scheduler(remedy: str) -> Iterator[None]:
+    """Turn errors of the scheduler inside the block into an InputError with this remedy.
+
+    The connection may be lost, or the scheduler unable to import a task.
+    """
+    try:
+        yield
+    except (CancelledError, ClosedClientError) as error:
+        raise InputError(f"the connection to the Dask scheduler is lost; {remedy}") from error
+    except RuntimeError as error:
+        if not isinstance(error.__cause__, ImportError | AttributeError):
+            raise
+        raise InputError(
+            f"the Dask scheduler cannot import a task ({error.__cause__}); install the same "
+            f"versions on its machine as here; {remedy}"
+        ) from error
 
 
 def _client_at(address: str) -> Client:
@@ -52,16 +74,17 @@ def _client_at(address: str) -> Client:
     return client
 
 
-def _check_workers(client: Client) -> None:
-    """Raise InputError if a worker has no shaftpose: it would die of its first task, and Dask would
+def _check_workers(client: Client, *packages: str) -> None:
+    """Raise InputError if a worker lacks a package: it would die of its first task, and Dask would
     wait for other workers forever."""
-    answers = client.run(version, "shaftpose", on_error="return")
-    without = [worker for worker, answer in answers.items() if isinstance(answer, Exception)]
-    if without:
-        raise InputError(
-            f"{without[0]}: no shaftpose on this Dask worker ({len(without)} of {len(answers)}); "
-            "start workers from an environment with the same versions as here"
-        )
+    for package in packages:
+        answers = client.run(version, package, on_error="return")
+        without = [worker for worker, answer in answers.items() if isinstance(answer, Exception)]
+        if without:
+            raise InputError(
+                f"{without[0]}: no {package} on this Dask worker ({len(without)} of "
+                f"{len(answers)}); start workers from an environment with the same versions as here"
+            )
 
 
 def _local(workers: int) -> LocalCluster:

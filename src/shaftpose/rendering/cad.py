@@ -33,6 +33,10 @@ def cad_mesh(cad: CadSettings) -> Mesh:
     """
     body = _load(cad)
     body.vertices = body.vertices @ _axes(body, cad.axis).T
+    if not body.extents[2]:
+        raise InputError(
+            f"{cad.file}: flat along {cad.axis}; set shaft.cad.axis to its longest one"
+        )
     if _tip_is_high(body, cad.tip):
         body.vertices = body.vertices * [1, -1, -1]
     low, high = _end(body, tip_is_high=False)

@@ -32,7 +32,7 @@ def rendered_sets(
     settings: RenderSettings, size: RunSize, library: list[Background], held_out: float, seed: int
 ) -> dict[str, RenderedSet]:
     """The sets by name. The user's occluder probability applies to `images`; `clear` has neither
-    occluders nor crossing shafts, `occluded` has an occluder in front of each shaft.
+    occluders nor shafts added to cross others, `occluded` has an occluder in front of each shaft.
 
     held_out: share of the library's sources reserved for `clear` and `occluded`. Raises InputError
     if the library has too few sources.
