@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from shaftpose.cli import predict
 from shaftpose.cli.main import main
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.frame_sources.video_files import VideoFile
@@ -113,7 +114,7 @@ def test_other_files_are_not_continued(content: str, run: Run, tmp_path: Path) -
 
 
 def test_a_run_goes_on_with_its_own_options_alone(
-    run: Run, inputs: list[str], tmp_path: Path
+    run: Run, inputs: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = run("--score", "0.3")
     path = tmp_path / "out" / "predictions.jsonl"
@@ -124,6 +125,10 @@ def test_a_run_goes_on_with_its_own_options_alone(
     with pytest.raises(SystemExit, match=f"^error: {path}: was begun with the sources "):
         run("--resume", "--score", "0.3")
     inputs.reverse()
+    with monkeypatch.context() as patch:
+        patch.setattr(predict, "versions", lambda backend: (("shaftpose", "newer"),))
+        with pytest.raises(SystemExit, match=f"^error: {path}: was begun with the software shaft"):
+            run("--resume", "--score", "0.3")
     (tmp_path / "out/predictions.jsonl.options").unlink()
     with pytest.raises(
         SystemExit, match="which tells its options, is missing; name another folder"

@@ -201,6 +201,16 @@ def test_giant_frames_are_refused_by_the_size_that_they_state(
         list(VideoFile(video).frames(fail))
 
 
+def test_the_most_pixels_may_have_a_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    video = write_video(tmp_path / "clip.avi", [40])  # of 3,072 px
+    for value in ("3KB", "3kb", "1MB", "3072"):
+        monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", value)
+        assert len(list(VideoFile(video).frames(fail))) == 1
+    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", "much")
+    with pytest.raises(InputError, match="^OPENCV_IO_MAX_IMAGE_PIXELS = 'much': give a number"):
+        list(VideoFile(video).frames(fail))
+
+
 def test_a_video_of_black_frames_alone_is_named(tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.avi", [0, 0, 0])
     with pytest.raises(InputError, match=f"^{video}: all its frames are black; if it is interl"):

@@ -81,6 +81,16 @@ def test_an_image_is_an_image(server: str) -> None:
     assert (frame.time_s, frame.rgb.shape) == (None, (48, 64, 3))
 
 
+def test_a_warning_names_the_address(server: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    oblong = encode_jpeg(np.full((48, 64, 3), 90, dtype=np.uint8), 95)
+    density = oblong.index(b"JFIF") + 8  # across and along, 1 : 1
+    monkeypatch.setattr(Answers, "photo", oblong[:density] + b"\0\2\0\1" + oblong[density + 4 :])
+    warnings: list[str] = []
+    list(WebAddress(f"{server}/picture.jpg").frames(warnings.append))
+    (warning,) = warnings
+    assert warning.startswith(f"{server}/picture.jpg: ")
+
+
 def test_a_connection_that_breaks_is_reported(server: str) -> None:
     with pytest.raises(InputError, match=f"^{server}/broken.avi: the connection broke after "):
         read(f"{server}/broken.avi")

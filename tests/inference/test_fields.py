@@ -37,6 +37,12 @@ def test_black_bars_are_no_part_of_the_field() -> None:
     np.testing.assert_allclose(field.box, [80, 0, WIDTH - 60, HEIGHT], atol=3)
 
 
+def test_an_instrument_from_border_to_border_does_not_part_the_field() -> None:
+    frame = tissue()
+    frame[200:240] = 20
+    assert visible_field(frame) == VisibleField((0, 0, WIDTH, HEIGHT))
+
+
 def test_a_round_picture_cut_by_the_frame_is_found_beside_texts_and_panels() -> None:
     disc = Disc(250.0, 140.0, 380.0)
     frame = round_picture(disc)
@@ -54,6 +60,8 @@ def test_a_black_frame_has_no_field() -> None:
     nearly = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     nearly[:60, :100] = 200  # 4 % of the frame
     assert visible_field(nearly) is None
+    nearly[-60:, -100:] = 200  # 8 %, in two parts
+    assert visible_field(nearly) == VisibleField((0, 0, WIDTH, HEIGHT))
 
 
 @pytest.mark.parametrize("times", [1, 2])

@@ -36,6 +36,16 @@ def test_a_tip_behind_the_camera_has_finite_pixels() -> None:
     assert np.isfinite(found).all()
 
 
+def test_pixels_do_not_depend_on_the_unit_of_length() -> None:
+    view = central_square(300, 300)
+    for tip in ((2.0, -4.0, 20.0), (2.0, -4.0, -20.0), (30.0, 0.0, 0.1)):
+        large, small = (
+            axis_px(ShaftPose(*(unit * np.array(tip)).tolist(), 90.0, 30.0), view)[0]
+            for unit in (1.0, 1e-3)
+        )
+        assert small == pytest.approx(large)
+
+
 def test_a_box_is_clipped_to_the_frame() -> None:
     view = central_square(800, 600)
     box = box_px(np.array([-90.0, 10, 100, 320]), view, 800, 600)

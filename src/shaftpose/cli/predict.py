@@ -19,7 +19,7 @@ from shaftpose.core.errors import InputError, printable
 from shaftpose.frame_sources.frames import Frame, Source
 from shaftpose.frame_sources.video_files import Span
 from shaftpose.inference.annotated_files import annotated_files
-from shaftpose.inference.chunk_worker import PredictedImage
+from shaftpose.inference.chunk_worker import PredictedImage, versions
 from shaftpose.inference.earlier_results import Earlier, continued
 from shaftpose.inference.formats import format_of_run
 from shaftpose.inference.image_chunks import predicted_images
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
     _check(options)
     failed = (_predict_alone if options.workers is None else _predict_on_workers)(options)
     if options.out is not None:
-        print(f"results are in {options.out}")
+        print(f"results are in {printable(str(options.out))}")
     if failed:
         raise InputError(f"sources that failed, see above: {failed}")
 
@@ -149,6 +149,8 @@ def _record(options: argparse.Namespace, model: Path) -> RunRecord | None:
     decisive["--camera"] = str(options.camera and _digest(options.camera))
     for name in _DECISIVE:
         decisive[f"--{name.replace('_', '-')}"] = str(getattr(options, name))
+    software = versions(options.backend)
+    decisive["the software"] = ", ".join(f"{name} {version}" for name, version in software)
     decisive["the sources"] = shlex.join(options.sources)
     if not all(os.path.isabs(name) or "://" in name for name in options.sources):
         decisive["the working directory"] = os.getcwd()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shaftpose.core.background_index import read_library
-from shaftpose.core.errors import InputError
+from shaftpose.core.errors import InputError, printable
 from shaftpose.core.files import naming_refusal
 from shaftpose.core.images import Image, write_jpeg
 from shaftpose.core.shards import ShardedDataset
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
         chosen = [draw_sample(shards, key) for key in evenly_spaced(shards.keys, options.count)]
     with naming_refusal(out, "name another file by --out"):
         write_jpeg(contact_sheet(chosen, min(options.columns, len(chosen))), out, quality=85)
-    print(f"{len(chosen)} images are drawn in {out}")
+    print(f"{len(chosen)} images are drawn in {printable(str(out))}")
 
 
 def real_images(folder: Path) -> list["CocoImage"]:

@@ -27,6 +27,7 @@ from shaftpose.dataset.coco_images import (
 )
 from shaftpose.dataset.compressed_masks import CompressedMask
 from shaftpose.dataset.segmentation import read_segmentation
+from shaftpose.image_files.reading import most_pixels
 from shaftpose.settings.parsing import parse
 from shaftpose.settings.schema import PositiveInt
 
@@ -139,7 +140,7 @@ def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry
     for n, values in enumerate(images):
         where = f"{path}: images[{n}]"
         entry = parse(_ImageEntry, values, f"{where}.")
-        if entry.width * entry.height > int(os.environ[MOST_PIXELS]):  # of its masks, too
+        if entry.width * entry.height > most_pixels():  # of its masks, too
             raise InputError(
                 f"{where}: states {entry.width} x {entry.height} px, more than "
                 f"{os.environ[MOST_PIXELS]} in all; fix width and height, or set {MOST_PIXELS}"

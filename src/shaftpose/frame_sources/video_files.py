@@ -21,6 +21,7 @@ from shaftpose.frame_sources.film_ends import (
 )
 from shaftpose.frame_sources.film_gaps import FilmGaps
 from shaftpose.frame_sources.frames import USUAL_FPS, Frame, from_bgr
+from shaftpose.image_files.reading import most_pixels
 
 _log = logging.getLogger(__name__)
 # OpenCV may report the time base of a container or a stream, such as 1,000 or 90,000 per second.
@@ -158,7 +159,7 @@ def _time_s(capture: cv2.VideoCapture, last_s: float, fps: float) -> float:
 def check_size(name: str, capture: cv2.VideoCapture) -> None:
     """Raise InputError naming a video that states more pixels than images may have."""
     width, height = (int(capture.get(side)) for side in (_WIDTH, _HEIGHT))
-    if width * height > int(os.environ[MOST_PIXELS]):
+    if width * height > most_pixels():
         raise InputError(
             f"{name}: has frames of {width} x {height} px; scale it down, or set {MOST_PIXELS}"
         )

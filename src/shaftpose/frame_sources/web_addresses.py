@@ -50,7 +50,8 @@ class WebAddress:
                 if self.first and isinstance(source, ImageFile):
                     return
             try:
-                for frame in source.frames(warn):
+                # Warnings would name the file, which is removed.
+                for frame in source.frames(lambda text: warn(text.replace(source.name, self.name))):
                     yield replace(frame, source=self.name)
             except InputError as error:
                 raise InputError(str(error).replace(source.name, self.name)) from error

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,17 @@ _MOST_BYTES = 2**30  # of an image file, which is read as a whole
 # Files that are named like this are images even if their content is damaged.
 _SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
 _log = logging.getLogger(__name__)
+
+
+def most_pixels() -> int:
+    """The most pixels that an image may have, as OpenCV reads it from the environment.
+
+    Raises InputError naming the variable if its value is none.
+    """
+    found = re.fullmatch(r"([0-9]+)(?:([KM])B)?", value := os.environ[MOST_PIXELS], re.IGNORECASE)
+    if found is None:
+        raise InputError(f"{MOST_PIXELS} = {value!r}: give a number, such as 200000000 or 200MB")
+    return int(found[1]) * {None: 1, "K": 2**10, "M": 2**20}[found[2] and found[2].upper()]
 
 
 def is_image(path: Path) -> bool:

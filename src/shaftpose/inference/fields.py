@@ -15,6 +15,7 @@ _LONG_PX = 240  # longer side of the image in which a field is looked for
 # the two limits; compression blurs what is black.
 LEAST_LEVEL, _ABOVE_BLACK, _MOST_LEVEL = 18, 12, 40
 _LEAST_SHARE = 0.05  # of the frame
+_LARGE = 0.2  # area of a region of the field, relative to that of the largest one
 _BORDER_PX = 2.5  # within this of the frame's border, an outline is the frame's, not the disc's
 _FULL = 0.97  # share of its bounding box that a rectangular field fills at least
 _TRIALS, _NEAR_PX, _LEAST_IOU = 60, 1.2, 0.95  # of the disc
@@ -62,8 +63,9 @@ def _darkened(rgb: Image, disc: Disc | None, times: int) -> Image:
 def visible_field(rgb: Image) -> VisibleField | None:
     """The field of an image (H, W, 3); None if nearly all of it is black.
 
-    It is the largest bright region, made convex: dark organs belong to it, texts and panels in the
-    black border do not. A region that is no rectangle is compared with the disc through its border.
+    It is the convex hull of the large bright regions: dark organs belong to it, and instruments
+    that part it, but not texts and panels in the black border. A hull that is no rectangle is
+    compared with the disc through its border.
     """
     height, width = rgb.shape[:2]
     scale = min(_LONG_PX / max(height, width), 1.0)
@@ -87,16 +89,17 @@ def visible_field(rgb: Image) -> VisibleField | None:
 
 
 def _outline(level: NDArray[np.uint8]) -> NDArray[np.int32] | None:
-    """The convex outline (N, 2) of the largest bright region, pixel indices."""
+    """The convex outline (N, 2) of the large bright regions, pixel indices."""
     threshold = np.clip(np.percentile(level, 1) + _ABOVE_BLACK, LEAST_LEVEL, _MOST_LEVEL)
     bright = cv2.morphologyEx(
         (level > threshold).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )
     _, regions, statistics, _ = cv2.connectedComponentsWithStats(bright)
     areas = statistics[1:, cv2.CC_STAT_AREA]
-    if not len(areas) or areas.max() < _LEAST_SHARE * level.size:
+    if areas.sum() < _LEAST_SHARE * level.size:
         return None
-    points = np.argwhere(regions == 1 + areas.argmax())[:, ::-1]
+    large = 1 + np.flatnonzero(areas >= _LARGE * areas.max())
+    points = np.argwhere(np.isin(regions, large))[:, ::-1]
     return np.asarray(cv2.convexHull(points.astype(np.int32))[:, 0], np.int32)
 
 

@@ -9,7 +9,9 @@ from shaftpose.inference.views import View
 from shaftpose.refinement.refiner import TipState
 
 AXIS_MM = 10.0  # drawn length of an axis
-_LEAST_DEPTH_MM = 1.0  # points behind the camera have no image
+# Of a tip, relative to its distance from the optical axis, and in mm: behind the camera it has no
+# image.
+_LEAST_DEPTH, _LEAST_DEPTH_MM = 0.01, 1e-6
 # Points on the sides of the unit square: a lens bends the sides of a box.
 _ALONG = [(along, end) for along in np.linspace(0, 1, 9) for end in (0, 1)]
 _AROUND = np.array(_ALONG + [(end, along) for along, end in _ALONG])
@@ -43,8 +45,8 @@ class FoundShaft:
 
 def axis_points(pose: ShaftPose) -> Array:
     """The tip and the second point of `FoundShaft.axis_px`, (2, 3) in mm."""
-    tip, axis = pose.tip_mm, pose.direction
-    tip[2] = max(tip[2], _LEAST_DEPTH_MM)
+    tip, axis = pose.tip_mm.astype(float), pose.direction
+    tip[2] = max(tip[2], _LEAST_DEPTH * np.hypot(tip[0], tip[1]), _LEAST_DEPTH_MM)
     approach = -axis[2]  # to the camera's plane, per mm
     length = min(AXIS_MM, tip[2] / (2 * approach)) if approach > 0 else AXIS_MM
     return np.stack([tip, tip + length * axis])
