@@ -383,8 +383,9 @@ def test_a_lost_scheduler_ends_the_run(
 
 
 def test_a_scheduler_that_is_lost_before_the_first_shard_ends_the_run(
-    rendered: RenderedSet, tmp_path: Path
+    rendered: RenderedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(dask_workers, "_ANSWER_S", 1.0)
     with (
         LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as idle,
         dask_workers.client_of(idle.scheduler_address) as client,

@@ -136,12 +136,6 @@ def test_a_job_that_fails_does_not_keep_others_of_its_sweep(
     assert "page: " in printed and Path("sweeps/mine/sweep.html").is_file()
 
 
-def test_a_batch_that_processes_cannot_share_is_refused(folder: Path) -> None:
-    done = run_stage(folder, *TWO_PROCESSES, "profiles.smoke.batch_size=3")
-    assert done.returncode == 1
-    assert "batch_size = 3 cannot be shared out among 2 processes" in done.stderr
-
-
 def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
