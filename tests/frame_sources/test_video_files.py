@@ -206,8 +206,8 @@ def test_the_most_pixels_may_have_a_unit(tmp_path: Path, monkeypatch: pytest.Mon
     for value in ("3KB", "3kb", "1MB", "3072"):
         monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", value)
         assert len(list(VideoFile(video).frames(fail))) == 1
-    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", "much")
-    with pytest.raises(InputError, match="^OPENCV_IO_MAX_IMAGE_PIXELS = 'much': give a number"):
+    monkeypatch.setenv("OPENCV_IO_MAX_IMAGE_PIXELS", "2kb")
+    with pytest.raises(InputError, match="64 x 48 px; scale it down"):
         list(VideoFile(video).frames(fail))
 
 

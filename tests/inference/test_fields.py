@@ -55,6 +55,15 @@ def test_a_round_picture_cut_by_the_frame_is_found_beside_texts_and_panels() -> 
     np.testing.assert_allclose(field.box, [60, 0, 440, HEIGHT], atol=4)
 
 
+def test_a_large_panel_is_no_part_of_a_round_picture() -> None:
+    frame = round_picture(Disc(380.0, 150.0, 290.0))
+    frame[20:280, 5:185] = 90  # 70 % of the disc's area
+    field = visible_field(frame)
+    assert field is not None and field.disc is not None
+    found = [field.disc.x, field.disc.y, field.disc.diameter]
+    np.testing.assert_allclose(found, [380, 150, 290], atol=4)
+
+
 def test_a_black_frame_has_no_field() -> None:
     assert visible_field(np.full((HEIGHT, WIDTH, 3), 9, np.uint8)) is None
     nearly = np.zeros((HEIGHT, WIDTH, 3), np.uint8)

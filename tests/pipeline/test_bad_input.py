@@ -70,8 +70,10 @@ def test_what_is_wrong_with_the_settings_as_a_whole_is_named(
     params = clone / "params.yaml"
     whole = params.read_text()
     replace_in(params, old, new)
-    line = complaint(run, "pipelines/split.py", f"out={tmp_path}")
-    params.write_text(whole)
+    try:
+        line = complaint(run, "pipelines/split.py", f"out={tmp_path}")
+    finally:
+        params.write_text(whole)
     assert line.startswith(named)
 
 

@@ -7,6 +7,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import mlflow
 import pytest
@@ -17,6 +18,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.shard_index import shard_paths
 from shaftpose.dataset.split import read_keys
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
+from shaftpose.sweeps import summary
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.fingerprint import data_record
@@ -133,7 +135,11 @@ def test_a_job_that_fails_does_not_keep_others_of_its_sweep(
     assert "error: params.yaml: loss.alpha = -1" in printed
     assert Path("sweeps/mine/0/error.txt").read_text().startswith("error: params.yaml: loss.alpha")
     assert Path("sweeps/mine/1/model.ckpt").is_file()
-    assert "page: " in printed and Path("sweeps/mine/sweep.html").is_file()
+    assert "page: " in printed
+    monkeypatch.setattr(summary, "summarise", Mock(side_effect=InputError("no server")))
+    with pytest.raises(SystemExit, match=r"failed jobs: sweeps/mine/0/error\.txt$"):
+        run_here(SCRIPT, *SIZES, *CPU, *sweep)
+    assert Path("sweeps/mine/sweep.html").is_file()
 
 
 def test_a_damaged_image_stops_the_stage_unless_it_may_be_skipped(

@@ -27,7 +27,7 @@ def in_order(
     died, even of other tasks. Raises InputError if the connection to the scheduler is lost or the
     scheduler cannot import a task; exceptions of `work` are passed on.
     """
-    remedy = "finished results are kept: repeat the command, with --resume if it has --out"
+    remedy = "finished results are kept: repeat the command, if possible with --resume"
     with naming_lost_scheduler(remedy):
         yield from _results(client, work, tasks)
 

@@ -75,8 +75,10 @@ def _client_at(address: str) -> Client:
 
 
 def _check_workers(client: Client, *packages: str) -> None:
-    """Raise InputError if a worker lacks a package: it would die of its first task, and Dask would
-    wait for other workers forever."""
+    """Raise InputError if a worker lacks a package.
+
+    A worker that cannot import a task dies of it, and Dask waits for others forever.
+    """
     for package in packages:
         answers = client.run(version, package, on_error="return")
         without = [worker for worker, answer in answers.items() if isinstance(answer, Exception)]

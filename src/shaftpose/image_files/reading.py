@@ -30,14 +30,9 @@ _log = logging.getLogger(__name__)
 
 
 def most_pixels() -> int:
-    """The most pixels that an image may have, as OpenCV reads it from the environment.
-
-    Raises InputError naming the variable if its value is none.
-    """
-    found = re.fullmatch(r"([0-9]+)(?:([KM])B)?", value := os.environ[MOST_PIXELS], re.IGNORECASE)
-    if found is None:
-        raise InputError(f"{MOST_PIXELS} = {value!r}: give a number, such as 200000000 or 200MB")
-    return int(found[1]) * {None: 1, "K": 2**10, "M": 2**20}[found[2] and found[2].upper()]
+    """The most pixels that an image may have, as OpenCV reads it from the environment."""
+    number, unit = re.split("(?![0-9])", os.environ[MOST_PIXELS], maxsplit=1)
+    return int(number) * {"": 1, "kb": 2**10, "mb": 2**20}[unit.lower()]
 
 
 def is_image(path: Path) -> bool:

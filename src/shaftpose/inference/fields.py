@@ -63,44 +63,46 @@ def _darkened(rgb: Image, disc: Disc | None, times: int) -> Image:
 def visible_field(rgb: Image) -> VisibleField | None:
     """The field of an image (H, W, 3); None if nearly all of it is black.
 
-    It is the convex hull of the large bright regions: dark organs belong to it, and instruments
-    that part it, but not texts and panels in the black border. A hull that is no rectangle is
-    compared with the disc through its border.
+    It is the convex hull of the large bright regions, if that is a rectangle or part of a disc,
+    else of the largest one: dark organs belong to it, and instruments that part it, but not texts
+    and panels in the black border.
     """
     height, width = rgb.shape[:2]
     scale = min(_LONG_PX / max(height, width), 1.0)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
     level = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA).max(axis=2)
-    outline = _outline(np.asarray(level, np.uint8))
-    if outline is None:
-        return None
-    shown = np.zeros(level.shape, np.uint8)
-    cv2.fillConvexPoly(shown, outline, (1,))
-    per_px = np.array([width / size[0], height / size[1]])
-    low, high = outline.min(axis=0), outline.max(axis=0) + 1
-    box = _snapped(low * per_px, high * per_px, per_px, np.array([width, height]))
-    if shown.sum() >= _FULL * np.prod(high - low):
-        return VisibleField(box)
-    disc = _disc(shown)
-    if disc is None:
-        return VisibleField(box)
-    x, y = np.array([disc.x, disc.y]) * per_px
-    return VisibleField(box, Disc(float(x), float(y), float(disc.diameter * per_px.mean())))
+    per_px, field = np.array([width / size[0], height / size[1]]), None
+    for outline in _outlines(np.asarray(level, np.uint8)):
+        shown = np.zeros(level.shape, np.uint8)
+        cv2.fillConvexPoly(shown, outline, (1,))
+        low, high = outline.min(axis=0), outline.max(axis=0) + 1
+        box = _snapped(low * per_px, high * per_px, per_px, np.array([width, height]))
+        field = VisibleField(box)
+        if shown.sum() >= _FULL * np.prod(high - low):
+            return field
+        if (disc := _disc(shown)) is not None:
+            x, y = np.array([disc.x, disc.y]) * per_px
+            return VisibleField(box, Disc(float(x), float(y), float(disc.diameter * per_px.mean())))
+    return field
 
 
-def _outline(level: NDArray[np.uint8]) -> NDArray[np.int32] | None:
-    """The convex outline (N, 2) of the large bright regions, pixel indices."""
+def _outlines(level: NDArray[np.uint8]) -> list[NDArray[np.int32]]:
+    """The convex outlines (N, 2) of the large bright regions together and of the largest one, pixel
+    indices, without those of too few pixels."""
     threshold = np.clip(np.percentile(level, 1) + _ABOVE_BLACK, LEAST_LEVEL, _MOST_LEVEL)
     bright = cv2.morphologyEx(
         (level > threshold).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )
     _, regions, statistics, _ = cv2.connectedComponentsWithStats(bright)
     areas = statistics[1:, cv2.CC_STAT_AREA]
-    if areas.sum() < _LEAST_SHARE * level.size:
-        return None
-    large = 1 + np.flatnonzero(areas >= _LARGE * areas.max())
-    points = np.argwhere(np.isin(regions, large))[:, ::-1]
-    return np.asarray(cv2.convexHull(points.astype(np.int32))[:, 0], np.int32)
+    most = areas.max(initial=0)
+    chosen = [np.flatnonzero(areas >= least) for least in (_LARGE * most, most)]
+    points = [
+        np.argwhere(np.isin(regions, 1 + large))[:, ::-1].astype(np.int32)
+        for large in chosen
+        if areas[large].sum() >= _LEAST_SHARE * level.size
+    ]
+    return [np.asarray(cv2.convexHull(one)[:, 0], np.int32) for one in points]
 
 
 def _snapped(low: Array, high: Array, per_px: Array, size: Array) -> tuple[int, int, int, int]:

@@ -3,6 +3,7 @@
 import functools
 import logging
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
     """Turn a function of the settings into the main function of its script in pipelines/.
 
     An error that the user can fix ends the script with one line and status 1, without a traceback.
-    In a sweep it ends the job alone and is kept in its folder, see `failed_jobs`.
+    In a sweep any error ends its job alone and is kept in the job's folder, see `failed_jobs`.
     """
     root = Path(function.__code__.co_filename).resolve().parents[1]
     with exit_on_input_error():
@@ -34,17 +35,18 @@ def stage(function: Callable[[Settings], None]) -> Callable[[], None]:
 
     @functools.wraps(function)
     def run(composed: DictConfig) -> None:
-        kept_error = Path(HydraConfig.get().runtime.output_dir) / _ERROR
-        kept_error.unlink(missing_ok=True)  # from an earlier start of the sweep
         try:
             function(resolved_settings(composed, root))
-        except InputError as error:
-            message = f"error: {last_line(error)}"
+        except Exception as error:
+            known = f"error: {last_line(error)}" if isinstance(error, InputError) else None
             if HydraConfig.get().mode is RunMode.RUN:
-                sys.exit(message)
+                if known is None:
+                    raise
+                sys.exit(known)
             # Raised, it would keep Hydra from ending the sweep, and so from summarising it.
-            logger.error("%s", message)
-            kept_error.write_text(f"{message}\n")
+            text = known or traceback.format_exc()
+            logger.error("%s", text)
+            (Path(HydraConfig.get().runtime.output_dir) / _ERROR).write_text(f"{text}\n")
         except KeyboardInterrupt:
             sys.exit(
                 "interrupted; run the same command to resume from finished shards or the last "

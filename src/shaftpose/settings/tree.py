@@ -171,7 +171,7 @@ def read_yaml(path: Path, where: str, remedy: str) -> dict[str, Any]:
     try:
         values = yaml.safe_load(path.read_text())
     except (yaml.YAMLError, OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{where}no YAML: {' '.join(str(error).split())}") from error
+        raise InputError(f"{where}no YAML: {' '.join(str(error).split())}; {remedy}") from error
     if not isinstance(values, dict):
         raise InputError(f"{where}holds no settings; {remedy}")
     return values

@@ -21,6 +21,8 @@ class SweepTracking(Callback):
         from shaftpose.tracking.sweeps import start_sweep
 
         folder = Path(config.hydra.sweep.dir).resolve()
+        for error in failed_jobs(folder):  # before it was resumed
+            error.unlink()
         experiment = f"{config.tracking.experiment} {folder.name}"
         connect(config.tracking.uri, experiment)
         start_sweep(folder, experiment, swept(config.hydra.overrides.task))
@@ -30,9 +32,11 @@ class SweepTracking(Callback):
         from shaftpose.sweeps.summary import summarise
 
         folder = Path(config.hydra.sweep.dir)
-        summarise(folder.resolve(), config.report.champion_margin)
-        if failed := failed_jobs(folder):
-            sys.exit(f"error: failed jobs: {', '.join(map(str, failed))}")
+        try:
+            summarise(folder.resolve(), config.report.champion_margin)
+        finally:  # Hydra only warns of errors here, but this ends it
+            if failed := failed_jobs(folder):
+                sys.exit(f"error: failed jobs: {', '.join(map(str, failed))}")
 
 
 def swept(overrides: list[str]) -> dict[str, str]:

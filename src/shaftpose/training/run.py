@@ -156,6 +156,6 @@ def fit(trainer: Trainer, module: ShaftModule, data: TrainingData, folder: Path)
         logger.info("ended by max_hours or patience after %d steps", trainer.global_step)
     trainer.save_checkpoint(folder / CHECKPOINT, weights_only=True)
     if trainer.is_global_zero and (folder / BEST_CHECKPOINT).is_file():
-        # Copied: a training that is resumed behind its last step chooses between the same weights.
+        # Copied: a training that fails after this is resumed from before its last validation.
         with new_file(folder / CHECKPOINT) as part:
             shutil.copyfile(folder / BEST_CHECKPOINT, part)
