@@ -80,15 +80,6 @@ def test_names_are_told_apart(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_drawings_are_kept_apart_from_the_images(tmp_path: Path) -> None:
-    for name in ("a.jpg", "clip.mp4"):
-        (tmp_path / name).touch()
-    for name in (tmp_path, tmp_path / "a.jpg"):
-        with pytest.raises(InputError, match="holds the images to predict, and would hold drawin"):
-            list(sources([str(name)], [], Span(), drawings=tmp_path))
-    assert len(list(sources([str(tmp_path / "clip.mp4")], [], Span(), drawings=tmp_path))) == 1
-
-
 def test_a_dash_stands_for_lines_which_are_read_in_their_turn() -> None:
     read: list[str] = []
 

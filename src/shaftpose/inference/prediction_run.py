@@ -14,7 +14,6 @@ from shaftpose.frame_sources.frames import Frame, FrameId, Source, images_of
 from shaftpose.frame_sources.live_streams import LiveStream
 from shaftpose.frame_sources.video_files import Span
 from shaftpose.frame_sources.web_addresses import WebAddress, file_source
-from shaftpose.image_files.reading import is_image
 from shaftpose.inference.annotated_files import AnnotatedFiles
 from shaftpose.inference.formats import Format
 from shaftpose.inference.found_shafts import FoundShaft
@@ -60,22 +59,16 @@ def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable
     if separator:
         name = url2pathname(urlsplit(name).path)
     path = Path(name)
-    is_folder = os.path.isdir(name)  # False for invalid names, which Path.is_dir refuses
-    folder = path if is_folder else path.parent
-    if drawings is not None and (is_folder or is_image(path)) and _are_same(folder, drawings):
-        raise InputError(
-            f"--out {drawings}: holds the images to predict, and would hold drawings, too; name "
-            "another folder"
-        )
-    if is_folder:
+    if os.path.isdir(name):  # False for invalid names, which Path.is_dir refuses
+        if drawings is not None and os.path.isdir(drawings) and os.path.samefile(name, drawings):
+            raise InputError(
+                f"--out {drawings}: holds the images to predict, and would hold drawings, too; "
+                "name another folder"
+            )
         if span != Span():
             warn(f"{name}: --start, --end, --every: for films alone; all of its images are used")
         return images_of(path, warn)
     return [file_source(path, span)]
-
-
-def _are_same(one: Path, other: Path) -> bool:
-    return os.path.isdir(one) and os.path.isdir(other) and os.path.samefile(one, other)
 
 
 def is_live(name: str) -> bool:
