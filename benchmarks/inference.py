@@ -40,7 +40,7 @@ WIDTH, HEIGHT = 1920, 1080
 # the square film does.
 VIEW_DEG = math.degrees(2 * math.atan(HEIGHT / WIDTH * math.tan(math.radians(95 / 2))))
 ROUNDS, PER_ROUND = 30, 10  # frames of each model and refinement in turn
-STARTS = 3
+STARTS, MORE_FRAMES = 3, 50
 NETWORK = "network alone"  # in place of a refinement
 Run = Callable[[Image], object]
 Name = TypeVar("Name", bound=Hashable)
@@ -52,13 +52,13 @@ import sys, time
 start = time.perf_counter()
 import cv2, numpy as np
 from shaftpose.inference.loading import load
-model, refine, image, view_deg = sys.argv[1:]
+model, refine, image, view_deg, more_frames = sys.argv[1:]
 find = load(model, view_deg=float(view_deg), diameter_mm=3.0, refine=refine)
 find(cv2.imread(image)[..., ::-1])
 seconds = time.perf_counter() - start
 from benchmarks.inference import frames, peak_mib
 images = frames()
-for _ in range(50):
+for _ in range(int(more_frames)):
     find(next(images))
 print(seconds, peak_mib())
 """
@@ -140,7 +140,8 @@ def row(model: str, refine: Refinement, seconds: list[float], alone: list[float]
     with TemporaryDirectory() as folder:
         first = Path(folder) / "frame.png"
         cv2.imwrite(str(first), next(frames())[..., ::-1])
-        command = [sys.executable, "-c", START, model, refine, str(first), str(VIEW_DEG)]
+        arguments = [model, refine, str(first), str(VIEW_DEG), str(MORE_FRAMES)]
+        command = [sys.executable, "-c", START, *arguments]
         starts = [
             subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT)
             for _ in range(STARTS)

@@ -13,7 +13,7 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from lightning.fabric.utilities import move_data_to_device
 
 from benchmarks.aims import Aim
 from benchmarks.machine import RESULTS, machine
+from pipelines.train import FOLDERS
 from shaftpose.core.errors import InputError, exit_on_input_error
 from shaftpose.core.files import write_json
 from shaftpose.dataset.batches import Batch
@@ -35,12 +36,11 @@ from shaftpose.settings.compose import composed_settings
 from shaftpose.settings.schema import RunSize
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
-from shaftpose.training.data import DataFolders, training_data
+from shaftpose.training.data import training_data
 from shaftpose.training.module import ShaftModule
 from shaftpose.training.recipe import Recipe, training_recipe
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 OUT = {"cpu": RESULTS / "train.json", "cuda": RESULTS / "train-gpu.json"}
 VARIANT = "d"
 PROFILES = ("paper", "bench")
@@ -199,11 +199,9 @@ def loop_seconds(recipe: Recipe, module: ShaftModule) -> float:
 
 def first_batch(recipe: Recipe, device: torch.device) -> Batch:
     """The first batch of a training."""
-    with tempfile.TemporaryDirectory() as folder:
-        skipped = SkippedImages(Path(folder) / "skipped_images.txt")
-        data = training_data(recipe, FOLDERS, skipped)
-        batches: Iterator[Any] = iter(data.train_dataloader())
-        batch: Batch = move_data_to_device(next(batches), device)
+    skipped = SkippedImages(Path(os.devnull))
+    batches = training_data(recipe, FOLDERS, skipped).train_dataloader()
+    batch: Batch = move_data_to_device(next(iter(batches)), device)
     return batch
 
 

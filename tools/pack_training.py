@@ -24,7 +24,6 @@ from shaftpose.training.pieces import write_pieces
 from shaftpose.training.recipe import training_recipe
 
 ROOT = Path(__file__).parents[1]
-PACK = "pack.tar.gz"
 
 
 def main() -> None:

@@ -5,13 +5,13 @@ gets `model.ckpt`, `curves.csv` and `training.json`, as from `pipelines/train.py
 """
 
 import argparse
-import csv
 import shutil
 from itertools import groupby
 from pathlib import Path
 
 from shaftpose.core.errors import exit_on_input_error
 from shaftpose.core.files import new_file
+from shaftpose.evaluation.model_results import read_curves
 from shaftpose.network.checkpoint import identity_of
 from shaftpose.settings.compose import composed_settings
 from shaftpose.stage_files import read_stage_file
@@ -49,10 +49,7 @@ def track(folder: Path, out: Path) -> None:
     """Log an unpacked training to MLflow as its own run."""
     run = read_stage_file(folder / RUN, NotedRun, "copy the result again")
     name = str(identity_of(out / CHECKPOINT)["variant"])
-    with (out / CURVES).open(newline="") as stream:
-        rows = [
-            (int(row["step"]), row["name"], float(row["value"])) for row in csv.DictReader(stream)
-        ]
+    rows = read_curves(out / CURVES)
     with training_run(
         run.training_id, name, run.parameters, run.digests, "data/render", out.parent
     ) as logger:

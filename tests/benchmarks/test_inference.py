@@ -16,6 +16,7 @@ def test_each_model_and_refinement_has_its_figures(
     monkeypatch.setattr(inference, "ROUNDS", 1)
     monkeypatch.setattr(inference, "PER_ROUND", 1)
     monkeypatch.setattr(inference, "STARTS", 1)
+    monkeypatch.setattr(inference, "MORE_FRAMES", 1)
     monkeypatch.setattr(inference, "bundled_names", lambda: ["shaftpose"])
     monkeypatch.setattr(inference, "get_args", lambda _: ("none", "edges"))
     monkeypatch.setattr(inference, "ROOT", tmp_path)

@@ -51,6 +51,16 @@ def test_an_outline_encloses_what_the_camera_sees(pose: ShaftPose) -> None:
     assert (found & seen).sum() / (found | seen).sum() > 0.97
 
 
+def test_a_mask_holds_the_pixels_whose_centres_are_inside() -> None:
+    mask = convex_mask(np.array([[10, 5], [20, 5], [20, 45], [10, 45]], float), (60, 80))
+    rows, columns = np.argwhere(mask).T
+    assert mask.sum() == 10 * 40
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (5, 44, 10, 19)
+    triangle = convex_mask(np.array([[0, 0], [60.3, 0], [0, 60.3]], float), (60, 80))
+    y, x = np.indices((60, 80)) + 0.5
+    np.testing.assert_array_equal(triangle, x + y < 60.3)
+
+
 def test_an_outline_lies_where_the_view_shows_it() -> None:
     pose = ShaftPose(0.0, 0.0, 15.0, 85.0, 45.0)
     square = outline_px(pose, SHAFT, view_of(SIDE, SIDE, None))
@@ -72,7 +82,7 @@ def test_the_field_is_the_stated_one_or_the_bright_one() -> None:
     assert (columns[0], columns[-1]) == (50, 149)
     stated = field_mask(rgb, ((0.0, 0.0), (20.0, 0.0), (20.0, 100.0), (0.0, 100.0)))
     assert stated[:, :20].all()
-    assert not stated[:, 22:].any()
+    assert not stated[:, 20:].any()
 
 
 def test_the_field_may_be_round() -> None:

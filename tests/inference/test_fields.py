@@ -43,6 +43,17 @@ def test_an_instrument_from_border_to_border_does_not_part_the_field() -> None:
     assert visible_field(frame) == VisibleField((0, 0, WIDTH, HEIGHT))
 
 
+def test_dark_corners_do_not_cut_a_parted_field() -> None:
+    frame = tissue()
+    cv2.line(frame, (300, -20), (280, HEIGHT + 20), (6, 6, 6), 40)
+    for corner in (
+        [[0, HEIGHT], [150, HEIGHT], [0, HEIGHT - 150]],
+        [[WIDTH, 0], [WIDTH - 150, 0], [WIDTH, 150]],
+    ):
+        cv2.fillPoly(frame, [np.array(corner)], (3, 3, 3))
+    assert visible_field(frame) == VisibleField((0, 0, WIDTH, HEIGHT))
+
+
 def test_a_round_picture_cut_by_the_frame_is_found_beside_texts_and_panels() -> None:
     disc = Disc(250.0, 140.0, 380.0)
     frame = round_picture(disc)

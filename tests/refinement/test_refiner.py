@@ -151,7 +151,7 @@ def test_fitted_poses_have_deviations() -> None:
 def test_boxes_end_at_the_border() -> None:
     mask = soft_mask(POSES[1])
     found = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[1] + 0.5 * OFF), CAMERA)
-    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 3)
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 1)
 
 
 def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:

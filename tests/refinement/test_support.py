@@ -21,6 +21,13 @@ def test_the_true_pose_has_full_support() -> None:
     assert supported(0.8, TRUE, mask, SHAFT, CAMERA) == pytest.approx(0.8**0.125, abs=0.02)
 
 
+def test_a_shaft_along_the_border_has_full_support() -> None:
+    """One of its lines and its tip are not in the image."""
+    pose = np.array([21.0, -30.0, 20.0, 88.0, 88.0])
+    found = supported(0.8, pose, soft_mask(pose), SHAFT, CAMERA)
+    assert found == pytest.approx(0.8**0.125, abs=0.02)
+
+
 def test_a_tip_in_the_middle_of_a_shaft_has_little() -> None:
     mask = soft_mask(TRUE)
     true, behind, ahead = (
@@ -41,7 +48,7 @@ def test_a_shaft_with_a_hole_in_its_mask_has_less() -> None:
     whole = supported(0.8, TRUE, mask, SHAFT, CAMERA)
     # More than 4 px from the outline, where its contrast is read.
     middle = cv2.erode((mask > 0.9).astype(np.uint8), np.ones((11, 11), np.uint8)) > 0
-    share = 1 - middle.sum() / mask.sum()
+    share = 1 - middle.sum() / (mask > 0.999).sum()  # of the pixels that it covers whole
     assert 0.5 < share < 0.6
     with_hole = supported(0.8, TRUE, np.where(middle, np.float32(0), mask), SHAFT, CAMERA)
     assert with_hole / whole == pytest.approx(share**0.5, abs=0.01)

@@ -14,8 +14,7 @@ from shaftpose.core.instruments import Annotations
 from shaftpose.core.shards import ShardedDataset
 from shaftpose.dataset.coco import read_coco
 from shaftpose.dataset.coco_images import load_square
-
-OCCLUSIONS = ("clear", "occluded")
+from shaftpose.evaluation.results import OCCLUSIONS
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from shaftpose.origin import Origin
 from shaftpose.stage_files import TrainingRecord
 
 HEADLINES = metrics_of("detection", "pose")
+# The sets of test images with masks, of each domain.
+OCCLUSIONS = ("clear", "occluded")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Array, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.dataset.coco_images import CocoImage, Point, read_pixels
-from shaftpose.figures.drawing import SUBPIXEL_BITS, subpixel_grid
 from shaftpose.inference.fields import Picture, VisibleField, visible_field
 from shaftpose.inference.frame_views import views
 from shaftpose.inference.loading import load
@@ -19,7 +18,8 @@ from shaftpose.inference.predictor import Predictor
 from shaftpose.inference.views import View
 from shaftpose.metrics.frames.comparison import FoundShafts
 from shaftpose.metrics.image_metrics import Mask
-from shaftpose.refinement.contour import Shaft, shaft_contour
+from shaftpose.refinement.contour import Shaft
+from shaftpose.refinement.outlines import contour_around
 
 LEAST_SCORE = 0.01  # of the detections that average precision sees
 _LEAST_TOOL = 0.5  # probability of a pixel of an instrument
@@ -74,10 +74,7 @@ def _unsaid(warning: str) -> None:
 
 def outline_px(pose: ShaftPose, shaft: Shaft, view: View) -> Array:
     """Points (N, 2) px of a shaft's outline in a frame, also beyond the frame's border."""
-    camera = view.camera
-    margin = max(camera.width, camera.height)
-    wide = camera.cropped(-margin, -margin, camera.width + 2 * margin, camera.height + 2 * margin)
-    return view.image_px(shaft_contour(pose.as_array(), shaft, wide).points - margin)
+    return view.image_px(contour_around(pose.as_array(), shaft, view.camera))
 
 
 def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
@@ -96,12 +93,20 @@ def tool_mask(predictor: Predictor, rgb: Image, view: View) -> Mask | None:
 
 
 def convex_mask(points: Array, size: tuple[int, ...]) -> Mask:
-    """The pixels (H, W) within the convex hull of points (N, 2) px; none without points."""
-    mask = np.zeros(size, dtype=np.uint8)
-    if len(points):
-        hull = cv2.convexHull(subpixel_grid(points))
-        cv2.fillConvexPoly(mask, hull, (1,), cv2.LINE_8, SUBPIXEL_BITS)
-    return mask.astype(bool)
+    """The pixels (H, W) whose centres are in the convex hull of points (N, 2) px."""
+    rows, columns = (np.arange(count) + 0.5 for count in size)
+    if not len(points):
+        return np.zeros(size, dtype=bool)
+    # OpenCV's filled polygons are half a pixel larger on every side.
+    start = cv2.convexHull(points.astype(np.float32))[:, 0].astype(float)
+    course = np.roll(start, 1, axis=0) - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (rows[:, None] - start[:, 1]) / course[:, 1]  # of an edge, where a row crosses it
+    crossed = (share >= 0) & (share <= 1)
+    at = start[:, 0] + np.where(crossed, share, 0.0) * course[:, 0]
+    left = np.where(crossed, at, np.inf).min(axis=1)
+    right = np.where(crossed, at, -np.inf).max(axis=1)
+    return (columns > left[:, None]) & (columns < right[:, None])
 
 
 def field_mask(rgb: Image, stated: Sequence[Point] | None) -> Mask:

@@ -63,27 +63,32 @@ def _darkened(rgb: Image, disc: Disc | None, times: int) -> Image:
 def visible_field(rgb: Image) -> VisibleField | None:
     """The field of an image (H, W, 3); None if nearly all of it is black.
 
-    It is the convex hull of the large bright regions, if that is a rectangle or part of a disc,
-    else of the largest one: dark organs belong to it, and instruments that part it, but not texts
-    and panels in the black border.
+    It is the convex hull of the large bright regions: dark organs belong to it, and instruments
+    that part it. If it is neither a rectangle nor part of a disc, but that of the largest region
+    is a rectangle or a disc's part with the centre, it is that one: others are texts and panels in
+    the black border.
     """
     height, width = rgb.shape[:2]
     scale = min(_LONG_PX / max(height, width), 1.0)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
     level = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA).max(axis=2)
-    per_px, field = np.array([width / size[0], height / size[1]]), None
+    per_px, fields = np.array([width / size[0], height / size[1]]), list[VisibleField]()
     for outline in _outlines(np.asarray(level, np.uint8)):
         shown = np.zeros(level.shape, np.uint8)
         cv2.fillConvexPoly(shown, outline, (1,))
         low, high = outline.min(axis=0), outline.max(axis=0) + 1
         box = _snapped(low * per_px, high * per_px, per_px, np.array([width, height]))
-        field = VisibleField(box)
         if shown.sum() >= _FULL * np.prod(high - low):
-            return field
+            return VisibleField(box)
         if (disc := _disc(shown)) is not None:
-            x, y = np.array([disc.x, disc.y]) * per_px
-            return VisibleField(box, Disc(float(x), float(y), float(disc.diameter * per_px.mean())))
-    return field
+            at = np.array([disc.x, disc.y])
+            # One side of a dark instrument may look like a part of a disc, far from its centre.
+            if not fields or np.all((low < at) & (at < high)):
+                x, y = at * per_px
+                diameter = float(disc.diameter * per_px.mean())
+                return VisibleField(box, Disc(float(x), float(y), diameter))
+        fields.append(VisibleField(box))
+    return fields[0] if fields else None
 
 
 def _outlines(level: NDArray[np.uint8]) -> list[NDArray[np.int32]]:

@@ -9,8 +9,8 @@ from shaftpose.inference.views import View
 from shaftpose.refinement.refiner import TipState
 
 AXIS_MM = 10.0  # drawn length of an axis
-# The least depth of a tip that is projected, behind the camera it has no image: a share of its
-# distance from the optical axis and, for tips on this axis, in mm.
+# A tip behind the camera has no image: it is projected from at least this depth, a share of its
+# distance from the optical axis, and at least so many mm.
 _LEAST_DEPTH, _LEAST_DEPTH_MM = 0.01, 1e-6
 # Points on the sides of the unit square: a lens bends the sides of a box.
 _ALONG = [(along, end) for along in np.linspace(0, 1, 9) for end in (0, 1)]

@@ -4,21 +4,19 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from shaftpose.core.geometry import Camera
-from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
+from shaftpose.refinement.contour import Array, Contour, Shaft
 from shaftpose.refinement.edges import Offsets
 from shaftpose.refinement.fit import Search
+from shaftpose.refinement.outlines import Outline, visible_outline
 
 _MARGIN_PX = 2.0  # around another shaft: edges so near to it may be its own
-# The convex outline of a shaft in the image, (N, 1, 2) px.
-Outline = NDArray[np.float32]
 
 
 def met_outlines(poses: Array, shaft: Shaft, camera: Camera) -> list[list[Outline]]:
     """For each of the poses (K, 5), the outlines of the other shafts that it meets in the image."""
-    outlines = [_outline(pose, shaft, camera) for pose in poses]
+    outlines = [visible_outline(pose, shaft, camera) for pose in poses]
     return [
         [other for other in outlines if other is not own and _meet(own, other)] for own in outlines
     ]
@@ -40,14 +38,8 @@ def leaving_out(outlines: Sequence[Outline], search: Search, times: int = 1) -> 
     return search_elsewhere if outlines else search
 
 
-def _outline(pose: Array, shaft: Shaft, camera: Camera) -> Outline:
-    points = shaft_contour(pose, shaft, camera).points.astype(np.float32)
-    return np.asarray(cv2.convexHull(points) if len(points) > 2 else points[:0, None], np.float32)
-
-
 def _meet(one: Outline, other: Outline) -> bool:
-    both = len(one) > 2 and len(other) > 2
-    return both and cv2.intersectConvexConvex(one, other)[0] > 0
+    return len(one) > 0 and len(other) > 0 and cv2.intersectConvexConvex(one, other)[0] > 0
 
 
 def _near(outline: Outline, point: Array) -> bool:

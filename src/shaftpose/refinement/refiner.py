@@ -13,7 +13,7 @@ from shaftpose.core.geometry import Camera, axis_direction, projected_axes
 from shaftpose.core.instruments import Detections
 from shaftpose.refinement.contour import Array, Contour, Shaft, shaft_contour
 from shaftpose.refinement.contour_sampling import scaled
-from shaftpose.refinement.crossings import Outline, leaving_out, met_outlines
+from shaftpose.refinement.crossings import leaving_out, met_outlines
 from shaftpose.refinement.edges import Offsets, mask_offsets
 from shaftpose.refinement.fit import EdgeErrors, Fit, Search, Stage, fit_pose
 from shaftpose.refinement.initial_poses import (
@@ -23,6 +23,7 @@ from shaftpose.refinement.initial_poses import (
     starts_at,
     starts_on,
 )
+from shaftpose.refinement.outlines import Outline, visible_outline
 from shaftpose.refinement.straight_runs import Run, straight_runs
 from shaftpose.refinement.support import distinct, supported
 
@@ -191,16 +192,17 @@ class Refiner:
         """Replace a row by the last of the fits that is in sight, if there is one."""
         camera, fits = evidence.camera, self._fits(starts, evidence, others)
         for fit in reversed(fits):
-            points = shaft_contour(fit.pose, self.shaft, camera).points
-            if not len(points):  # the last step has led out of sight
+            contour = shaft_contour(fit.pose, self.shaft, camera)
+            if not len(contour.points):  # the last step has led out of sight
                 continue
             fitted.poses[row] = fit.pose
             # In more pixels than the model's, each px of the same arc tells less.
             arc_information = fits[:2][-1].arc_information
             fitted.tips[row] = tip_state(fit.pose, camera, arc_information, self._least_arc)
             fitted.deviations[row] = _deviations(fit, fitted.tips[row], camera)
-            if self.shaft.flat_tip:
-                fitted.boxes[row] = [*points.min(axis=0), *points.max(axis=0)]
+            outline = visible_outline(fit.pose, self.shaft, camera)
+            if self.shaft.flat_tip and len(outline):
+                fitted.boxes[row] = [*outline.min(axis=0), *outline.max(axis=0)]
             return
 
     def _fits(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shaftpose.core.geometry import Camera, projected_axes
 from shaftpose.refinement.contour import Array, Shaft, shaft_contour
 from shaftpose.refinement.edges import mask_contrast
+from shaftpose.refinement.outlines import Outline, visible_outline
 
 _REACH_PX = 4.0
 _NEAR_TIP = 1.5  # radii of the shaft in the image
@@ -31,8 +32,8 @@ def supported(
     """
     if not np.isfinite(pose).all() or pose[2] <= 0:
         return 0.0
-    contour = shaft_contour(pose, shaft, camera)
-    if not len(contour.points):
+    contour, outline = shaft_contour(pose, shaft, camera), visible_outline(pose, shaft, camera)
+    if not len(contour.points) or not len(outline):
         return score
     contrast, lengths = mask_contrast(mask, contour, _REACH_PX)
     if not lengths.any():
@@ -41,16 +42,15 @@ def supported(
     away = np.linalg.norm(contour.points - camera.project(pose[:3]), axis=1)
     near = lengths * (away < _NEAR_TIP * _radius_px(pose, shaft, camera))
     at_tip = float(contrast @ near / near.sum()) if near.any() else along
-    return float((score * along**2 * at_tip * _mean_inside(mask, contour.points) ** 4) ** (1 / 8))
+    return float((score * along**2 * at_tip * _mean_inside(mask, outline) ** 4) ** (1 / 8))
 
 
-def _mean_inside(mask: NDArray[np.float32], outline: Array) -> float:
-    """The mean of a mask (H, W) inside the convex hull of an outline's points (N, 2) px in the
-    image, without the pixels on its edge, which a shaft covers in part, unless there are no
-    others."""
-    hull = cv2.convexHull(np.floor(outline).astype(np.int32))
-    covered = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, (1,))
-    inside = cv2.polylines(covered.copy(), [hull], isClosed=True, color=(0,))
+def _mean_inside(mask: NDArray[np.float32], outline: Outline) -> float:
+    """The mean of a mask (H, W) inside an outline, without the pixels on its edge, which a shaft
+    covers in part, unless there are no others."""
+    corners = np.floor(outline).astype(np.int32)
+    covered = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), corners, (1,))
+    inside = cv2.polylines(covered.copy(), [corners], isClosed=True, color=(0,))
     return float(cv2.mean(mask, inside if inside.any() else covered)[0])
 
 

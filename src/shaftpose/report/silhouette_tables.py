@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
+from shaftpose.evaluation.results import OCCLUSIONS
 from shaftpose.figures.markdown import pipe_table
 from shaftpose.metrics.table import Metric, MetricValues, metrics_named, metrics_of
 from shaftpose.report import paper_numbers
@@ -11,7 +12,6 @@ from shaftpose.report.cells import MISSING, cells, paired, show, show_span
 from shaftpose.stage_files import REAL, STAND_IN
 
 RENDERED = "rendered"
-OCCLUSIONS = ("clear", "occluded")
 TABLE_II, IMAGE = metrics_named("detected_rate", "iou"), metrics_of("image")
 IMAGE_ERRORS = (
     "Median errors of the detected instruments, in px and deg of the image of 299 x 299 px. Unlike "
