@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from shaftpose.core.files import write_json
-from shaftpose.dataset.coco_folder import copy_folder, read_folder, write_stand_in
+from shaftpose.dataset.coco_folder import copy_folder, read_folder, summary, write_stand_in
 from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.stand_in_sets import stand_in_sets
@@ -30,8 +30,8 @@ def main(settings: Settings) -> None:
         else:
             copy_folder(source, out)
         write_json(out / "about.json", asdict(AboutImages(REAL if source else STAND_IN)))
-    counts = {part: len(images) for part, images in read_folder(out).items()}
-    logging.getLogger(__name__).info("images %s are in %s", counts, out)
+    for part, images in read_folder(out).items():
+        logging.getLogger(__name__).info("%s/%s.json: %s", out, part, summary(images))
 
 
 if __name__ == "__main__":

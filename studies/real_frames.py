@@ -2,10 +2,10 @@
 
 `python -m studies.real_frames --data FOLDER --part validation --model NAME` takes the frames of
 `FOLDER/validation.json` from `shaftpose real fetch`. It writes the results to `reports/real` and
-draws the worst frames, `reports/real/gallery.jpg`. `make results` shows both in
-docs/real_images.md. Choices are made by the validation part. The test part is run once for each
-model; `reports/real/runs.json` records it. The part `tissue` are the squares without instruments in
-`FOLDER/backgrounds`.
+draws the worst frames, `reports/real/gallery.jpg`; `make results` shows both in
+docs/real_images.md. For frames of your own, name another folder by `--out`. Choices are made by the
+validation part. The test part is run once for each model; `reports/real/runs.json` records it. The
+part `tissue` are the squares without instruments in `FOLDER/backgrounds`.
 """
 
 import argparse
@@ -62,20 +62,27 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="of `shaftpose real fetch`")
     parser.add_argument("--part", choices=(VALIDATION, TEST, TISSUE), required=True)
     parser.add_argument("--model", required=True, help="a bundled model's name, or a file")
+    parser.add_argument("--out", type=Path, default=RECORDS, help=f"of other frames ({RECORDS})")
     options = parser.parse_args()
     with exit_on_input_error():
-        print(f"written to {measure(options.data, options.part, options.model)}")
+        done = measure(options.data, options.part, options.model, options.out)
+        print(f"written to {done}")
 
 
 def measure(data: Path, part: str, name: str, records: Path = RECORDS) -> Path:
     """Measure a model and write its results and the gallery to `records`: the results' file.
 
-    Raises InputError if the results of the model on the same test part are already there.
+    Raises InputError if the results of the model on the same test part, or on other frames, are
+    already there.
     """
     images = tissue_squares(data / "backgrounds") if part == TISSUE else _frames(data, part)
     model, digest = FrameModel(name), annotated_digest(images)
     out = records / f"{label(name, model.sha256)}-{part}.json"
-    if part == TEST and out.is_file() and _was_run(records, model.sha256, digest):
+    if out.is_file() and read_stage_file(out, FrameResults, _REMEDY).digest != digest:
+        raise InputError(
+            f"{out}: holds the results of this model on other frames; name another folder by --out"
+        )
+    if part == TEST and out.is_file():
         raise InputError(
             f"{out}: holds the results of this model on the test part, which is run once; compare "
             "models by --part validation"
@@ -127,10 +134,6 @@ def runs_of(records: Path) -> Runs:
     """All runs on the test part that a folder records. Raises InputError if the file is damaged."""
     path = records / RUNS
     return read_stage_file(path, Runs, _REMEDY) if path.is_file() else Runs()
-
-
-def _was_run(records: Path, sha256: str, digest: str) -> bool:
-    return any((run.sha256, run.digest) == (sha256, digest) for run in runs_of(records).test)
 
 
 def _record(records: Path, run: Run) -> None:

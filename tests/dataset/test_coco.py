@@ -67,6 +67,14 @@ def test_a_box_that_is_a_pixel_too_large_is_clipped(
     assert image.instruments[0].box == pytest.approx(clipped)
 
 
+def test_a_box_of_corners_is_named(tmp_path: Path) -> None:
+    content = coco_content()
+    content["annotations"][0]["bbox"] = [10, 5, 30, 35]  # x1, y1 in place of 20, 30
+    message = complaint(write_dataset(tmp_path, content))
+    assert "annotations[0]: the box [10.0, 5.0, 30.0, 35.0] holds the corners" in message
+    assert "write x, y, width, height: [10.0, 5.0, 20.0, 30.0]" in message
+
+
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
     path = write_dataset(tmp_path, coco_content())
     (tmp_path / "images" / "a.jpg").unlink()

@@ -12,7 +12,7 @@ from shaftpose.core.files import write_json
 from shaftpose.core.samples import sample_key
 from shaftpose.core.shard_writer import shard_name
 from shaftpose.dataset.coco import read_coco
-from shaftpose.dataset.coco_folder import copy_folder, read_folder, write_stand_in
+from shaftpose.dataset.coco_folder import copy_folder, read_folder, summary, write_stand_in
 from tests.core.small_shards import make_sample, write_shard
 from tests.dataset.coco_files import coco_content, write_dataset
 
@@ -32,6 +32,16 @@ def test_a_stand_in_has_masks_in_its_test_images_alone(tmp_path: Path) -> None:
     for image, occluded in zip(test, (False, True), strict=True):
         assert all(instrument.mask is not None for instrument in image.instruments)
         assert {instrument.occluded for instrument in image.instruments} == {occluded}
+
+
+def test_a_summary_counts_what_is_annotated(tmp_path: Path) -> None:
+    content = coco_content()
+    content["categories"] = [{"id": 7, "name": "tool"}]
+    tool = {"image_id": 4, "category_id": 7, "bbox": [10, 5, 20, 30]}
+    tool["segmentation"] = content["annotations"][0]["segmentation"]
+    content["annotations"].append(tool)
+    images = read_coco(write_dataset(tmp_path, content))
+    assert summary(images) == "2 images with 2 shafts (1 outlined), 1 tools"
 
 
 def three_parts(folder: Path) -> Path:

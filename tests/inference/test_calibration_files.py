@@ -169,6 +169,16 @@ def test_the_first_eye_of_a_stereo_camera_is_taken_for_frames_around_its_axis(pa
         camera(1280, 480)
 
 
+def test_a_principal_point_of_another_size_is_doubted(path: Path) -> None:
+    path.write_text(PINHOLE.replace("640", "1280").replace("480", "960"))
+    said: list[str] = []
+    assert read_camera(path, said.append)(1280, 960).width == 1280
+    assert said == [
+        f"{path}: its principal point is [320.0, 240.0] px, far from the middle of 1280 x 960 px: "
+        "was it calibrated at another size?"
+    ]
+
+
 @pytest.mark.parametrize(
     ("model", "fisheye"),
     [("equidistant", True), ("fisheye", True), ("plumb_bob", False), ('"plumb_bob"', False),

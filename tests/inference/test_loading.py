@@ -54,6 +54,25 @@ def test_a_frame_that_shows_nothing_is_said_once_for_each_source() -> None:
     ]
 
 
+def test_an_angle_of_frames_with_borders_is_doubted_once() -> None:
+    picture = read_rgb(FRAME)
+    side = len(picture)
+    border = side // 4
+    frame = np.pad(picture, ((border, border), (border, border), (0, 0)))
+    said: list[str] = []
+    find = load(view_deg=95.0, diameter_mm=3.0, warn=said.append)
+    for _ in range(2):
+        find(frame)
+    (warning,) = said
+    assert warning.startswith(
+        f"frames of {len(frame)} x {len(frame)} px have black borders: --view-"
+    )
+    find(np.pad(picture, ((0, 0), (border, border), (0, 0))))  # it fills the central square
+    part = border, border, side, side
+    load(view_deg=95.0, diameter_mm=3.0, crop=part, warn=said.append)(frame)
+    assert said == [warning]
+
+
 @pytest.mark.parametrize(
     "frame",
     [np.zeros((300, 400), np.uint8), np.zeros((300, 400, 4), np.uint8), np.zeros((300, 400, 3))],

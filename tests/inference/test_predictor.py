@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.export.onnx_export import store_metadata
+from shaftpose.inference.loading import load
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.inference.predictor import Predictor, raw_and_refined_predictors
 from shaftpose.refinement.refiner import Refiner
+from shaftpose.settings.choices import Refinement
 from tests.conftest import BOXES, constant_edge_reader, write_constant_model, write_mask_reader
 from tests.core.silhouettes import POSES, SHAFT, VIEW_DEG, soft_mask
 
@@ -230,6 +232,12 @@ def test_poses_are_averaged_over_views_without_a_fit(masked_model: Path) -> None
 def test_some_models_with_a_mask_cannot_be_fitted(facts: ModelMetadata, masked_model: Path) -> None:
     store_metadata(masked_model, facts)
     assert Predictor(masked_model).metadata == facts
+    refinements: tuple[Refinement, ...] = ("mask", "edges", "none", "views")
+    cannot = [Predictor(masked_model, refine).cannot_fit for refine in refinements]
+    assert cannot == [True, True, False, False]
+    said: list[str] = []
+    load(masked_model, warn=said.append)
+    assert any("poses are those of the network" in warning for warning in said)
     assert len(raw_and_refined_predictors(masked_model, "edges")) == 1
 
 

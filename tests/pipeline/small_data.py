@@ -16,6 +16,7 @@ from shaftpose.training.data import DataFolders
 FOLDERS = DataFolders(Path("data/render/images"), Path("data/split"), Path("data/real"))
 SIDE = 299
 PER_SHARD = 6
+OUTLINE = [100, 50, 180, 50, 180, 250, 100, 250]
 
 
 def write_training_data(folder: Path) -> None:
@@ -48,7 +49,7 @@ def sample(index: int) -> Sample:
 
 
 def write_real(folder: Path) -> None:
-    """Two real images with a box each, as the training part of the real data."""
+    """Two real images with a shaft each, as the training part of the real data."""
     for n in range(2):
         rgb = np.random.default_rng(n).integers(0, 255, (SIDE, 400, 3), dtype=np.uint8)
         write_jpeg(rgb, folder / f"images/{n}.jpg")
@@ -57,7 +58,9 @@ def write_real(folder: Path) -> None:
             {"id": n, "file_name": f"images/{n}.jpg", "width": 400, "height": SIDE}
             for n in range(2)
         ],
-        "annotations": [{"image_id": n, "bbox": [100, 50, 80, 200]} for n in range(2)],
+        "annotations": [
+            {"image_id": n, "bbox": [100, 50, 80, 200], "segmentation": [OUTLINE]} for n in range(2)
+        ],
     }
     (folder / "train.json").write_text(json.dumps(content))
     (folder / "about.json").write_text(json.dumps({"domain": "real"}))

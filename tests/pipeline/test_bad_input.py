@@ -250,7 +250,9 @@ def test_good_real_images_replace_those_of_an_earlier_run(tmp_path: Path) -> Non
     real, out = write_real(tmp_path / "real", GOOD_BOXES), tmp_path / "out"
     (out / "images").mkdir(parents=True)
     (out / "images/a.jpg").write_bytes(b"an older image")
+    (out / "validation.json").write_text("a part that this source lacks")
     copy_folder(real, out)
+    assert not (out / "validation.json").exists()
     for name in ("images/a.jpg", "images/b.jpg", "train.json", "test.json"):
         assert (out / name).read_bytes() == (real / name).read_bytes()
 

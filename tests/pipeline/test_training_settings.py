@@ -1,5 +1,6 @@
 """Settings take effect in the network's training, its images and its confidence threshold."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,18 @@ def stream(data: TrainingData) -> TrainingStream:
     images = data.train_dataloader().dataset
     assert isinstance(images, TrainingStream)
     return images
+
+
+def test_random_views_need_more_than_boxes(folder: Path) -> None:
+    train = folder / "data/real/train.json"
+    outlined = train.read_text()
+    train.write_text(outlined.replace("segmentation", "unknown"))
+    e_real = "profile=smoke", "variant=e_real", "training.loader_workers=0"
+    with pytest.raises(InputError, match=r"train\.json: no shaft has a `segmentation` or a tip"):
+        training_data(recipe_with(*e_real), FOLDERS, SkippedImages(folder / "skipped"), True)
+    for known in (outlined, json.dumps(json.loads(outlined) | {"annotations": []})):
+        train.write_text(known)
+        training_data(recipe_with(*e_real), FOLDERS, SkippedImages(folder / "skipped"), True)
 
 
 def test_the_optimiser_follows_the_profile() -> None:

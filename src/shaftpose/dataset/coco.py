@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 # Values of a tool's `attributes.shaft` that tell which of its pixels are shaft: those outlined, or
 # none, as only its jaws or wrist are visible.
 _SHAFT_KNOWN = "outlined", "none"
+_NEAR_PX = 2.0  # between the sides of a box and of its mask
 _ROUNDING_PX = 1.0  # by which a box may leave its image: annotation tools round its numbers
 
 _Number = Annotated[float, Field(strict=True)]
@@ -234,7 +235,20 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Coco
     (x0, y0), (x1, y1) = clipped.tolist()
     axis = (annotation.tip or UNKNOWN_POINT, annotation.tail or UNKNOWN_POINT)
     mask = None if annotation.iscrowd else _mask(annotation.segmentation, entry, where)
+    if mask is not None and _states_corners(annotation.bbox, mask.extent):
+        raise InputError(
+            f"{where}: the box {annotation.bbox} holds the corners of its `segmentation`; write x, "
+            f"y, width, height: {mask.extent}"
+        )
     return CocoInstrument((x0, y0, x1, y1), mask, annotation.occluded, axis)
+
+
+def _states_corners(box: list[float], extent: list[float]) -> bool:
+    """Whether a box is x0, y0, x1, y1 of an extent x, y, width, height."""
+    x, y, width, height = extent
+    corners = [x, y, x + width, y + height]
+    alike = (np.abs(np.subtract(box, other)).max() <= _NEAR_PX for other in (extent, corners))
+    return tuple(alike) == (False, True)
 
 
 def _mask(segmentation: Any, entry: _ImageEntry, where: str) -> CompressedMask | None:

@@ -5,7 +5,7 @@ two have masks.
 """
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -33,6 +33,8 @@ def copy_folder(source: Path, out: Path) -> None:
     for image in chain(*parts.values()):
         read_pixels(image)
         _copy(image.path, out / image.path.relative_to(source))
+    for part in PARTS:  # those of another source, too
+        (out / f"{part}.json").unlink(missing_ok=True)
     for part in parts:
         _copy(source / f"{part}.json", out / f"{part}.json")
 
@@ -45,6 +47,14 @@ def read_folder(folder: Path) -> dict[str, list[CocoImage]]:
         for part, path in files.items()
         if part != "validation" or path.exists()
     }
+
+
+def summary(images: Sequence[CocoImage]) -> str:
+    """What a file annotates, in words."""
+    shafts = [shaft for image in images for shaft in image.instruments]
+    outlined = sum(shaft.mask is not None for shaft in shafts)
+    tools = sum(len(image.tools) for image in images)
+    return f"{len(images)} images with {len(shafts)} shafts ({outlined} outlined), {tools} tools"
 
 
 def _check_apart(parts: dict[str, list[CocoImage]], source: Path) -> None:

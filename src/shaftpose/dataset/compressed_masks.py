@@ -48,6 +48,11 @@ class CompressedMask:
         """The number of pixels inside."""
         return int(coco_mask.area(vars(self)))
 
+    @property
+    def extent(self) -> list[float]:
+        """x, y, width and height px of the pixels inside."""
+        return list(map(float, coco_mask.toBbox(vars(self))))
+
     def is_valid(self) -> bool:
         """Whether the counts are well-formed and add up to the pixels."""
         if not _NUMBERS.fullmatch(self.counts):

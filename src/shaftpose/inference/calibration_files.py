@@ -36,8 +36,6 @@ _COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
 # OpenCV's parsers die of files that are nested deeply; each level has one of these.
 _MOST_CHARACTERS, _MOST_LEVELS, _LEVEL = 2_000_000, 2_000, ("[", "{", "<", ":", "- ")
 _OFF_CENTRE = 0.2  # of a side: a principal point farther from the middle belongs to another size
-
-
 _USUAL_PX = 1000  # side of a frame in which an angle is checked
 
 
@@ -67,19 +65,28 @@ class CameraFile:
     distortion: Array
     fisheye: bool
 
+    @property
+    def centre(self) -> Array:
+        """The principal point (2,) px; centres of pixels are at integer + 0.5."""
+        return np.asarray(self.matrix[:2, 2] + 0.5)
+
+    def is_centred(self, width: int, height: int) -> bool:
+        """Whether the principal point is near the middle of frames of this size."""
+        return bool(np.all(np.abs(self.centre / [width, height] - 0.5) <= _OFF_CENTRE))
+
     def __call__(self, width: int, height: int, aspect: float = 1.0) -> Calibration:
         """The camera of frames, which knows the aspect of its pixels by itself. Raises InputError
         if it has another size, or cannot have taken them."""
-        centre = self.matrix[:2, 2] + 0.5
-        if self.size is None and np.any(np.abs(centre / [width, height] - 0.5) > _OFF_CENTRE):
+        if self.size is None and not self.is_centred(width, height):
             raise InputError(
                 f"has {width} x {height} px, but the principal point in {self.path} is "
-                f"{centre.tolist()} px; add the image_width and image_height of its frames"
+                f"{self.centre.tolist()} px; add the image_width and image_height of its frames"
             )
         if self.size not in (None, (width, height)):
             raise InputError(
                 "has {} x {} px, but {} is the calibration of {} x {} px; calibrate for these "
-                "frames".format(width, height, self.path, *self.size or ())
+                "frames or, for a part of frames, change the size and principal point in "
+                "the file".format(width, height, self.path, *self.size or ())
             )
         calibration = Calibration(width, height, self.matrix, self.distortion, self.fisheye)
         try:
@@ -105,6 +112,11 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
         warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
     if camera.size is not None:
         camera(*camera.size)
+        if not camera.is_centred(*camera.size):  # as for a part of frames it may be
+            warn(
+                f"{path}: its principal point is {camera.centre.tolist()} px, far from the middle "
+                "of {} x {} px: was it calibrated at another size?".format(*camera.size)
+            )
     return camera
 
 

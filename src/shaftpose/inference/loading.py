@@ -55,10 +55,16 @@ def load(
     unknown = _unknown(predictor, camera is None and view_deg is None, diameter_mm is None)
     if unknown:
         warn(f"MILLIMETRES ARE NOT METRIC. {' '.join(unknown)}")
+    if predictor.cannot_fit:
+        warn(
+            f"{model or DEFAULT}: poses are those of the network, less precise than fitted ones: "
+            "models of an instrument from a CAD file or of a distorting lens cannot be fitted"
+        )
     least = predictor.confidence if score is None else score
     frame_camera = _camera(None if camera is None else Path(camera), view_deg, warn)
     seen = views(frame_camera, predictor.camera, predictor.frame_px, crop, warn)
-    return ShaftFinder(predictor, seen, least, diameter_mm, not unknown, warn)
+    by_angle = view_deg is not None
+    return ShaftFinder(predictor, seen, least, diameter_mm, not unknown, by_angle, warn)
 
 
 def _check(

@@ -53,7 +53,10 @@ class Predictor:
             raise InputError(f"{path}: its metadata are damaged ({error}); export again") from error
         self._check_run()
         self._in_views = refine == "views"
-        self.refiner = self._create_refiner(refine) if _MASK in names else None
+        has_mask = _MASK in names
+        self.refiner = self._create_refiner(refine) if has_mask else None
+        # Whether poses would be fitted if the camera and shaft of the training were others.
+        self.cannot_fit = has_mask and refine in ("mask", "edges") and self.refiner is None
 
     @property
     def side_px(self) -> int:

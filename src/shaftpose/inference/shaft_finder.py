@@ -9,7 +9,7 @@ from shaftpose.core.errors import InputError, Warn
 from shaftpose.core.geometry import Array, Camera, ShaftPose
 from shaftpose.core.images import Image
 from shaftpose.core.instruments import Detections
-from shaftpose.inference.fields import LEAST_LEVEL, Picture, visible_field
+from shaftpose.inference.fields import LEAST_LEVEL, Picture, VisibleField, visible_field
 from shaftpose.inference.found_shafts import FoundShaft, axis_px, box_px
 from shaftpose.inference.frame_views import Views
 from shaftpose.inference.predictor import Predictor
@@ -17,14 +17,17 @@ from shaftpose.inference.views import View
 from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
+_LEAST_FILLED = 0.9  # of a side of the frame's central square, by that of the picture in it
 
 
 class ShaftFinder:
     """Finds shafts in a user's frames.
 
     views: of the frames. score: least score of a detection. diameter_mm: of the user's shafts;
-    None: the model's. metric: whether camera and shaft are known. warn: gets warnings of frames
-    that show nothing. Raises InputError if `diameter_mm` is given and the model states no diameter.
+    None: the model's. metric: whether camera and shaft are known. by_angle: whether the camera is
+    known by its angle alone. warn: gets warnings of frames that show nothing, or a picture that the
+    angle may not be of. Raises InputError if `diameter_mm` is given and the model states no
+    diameter.
     """
 
     def __init__(
@@ -34,11 +37,12 @@ class ShaftFinder:
         score: float,
         diameter_mm: float | None,
         metric: bool,
+        by_angle: bool,
         warn: Warn,
     ) -> None:
         self._predictor, self._views, self._score = predictor, views, score
         self._scale = _scale(predictor.metadata.shaft_diameter_mm, diameter_mm)
-        self._metric, self._warn = metric, warn
+        self._metric, self._by_angle, self._warn = metric, by_angle, warn
         self.diameter_mm = diameter_mm or predictor.metadata.shaft_diameter_mm  # None: a CAD file's
 
     def __call__(
@@ -69,6 +73,12 @@ class ShaftFinder:
         if self._predictor.frame_px is not None:
             if field is None:
                 return []
+            if self._by_angle and _is_bordered(field, picture.camera):
+                self._warn(
+                    f"frames of {width} x {height} px have black borders: --view-deg is the angle "
+                    "across the central square of all of it; if yours is that of the picture "
+                    "within them, cut them off by --crop"
+                )
             picture, corner = picture.within(field), np.array(field.box[:2])
         (every,) = self._predictor(picture.rgb[None], [picture.fine], picture.camera)
         found = every.above(self._score)
@@ -116,6 +126,12 @@ class ShaftFinder:
         """Scale a pose to the user's shafts: a scene enlarged as a whole gives the same image."""
         x_mm, y_mm, z_mm = (float(value) for value in self._scale * pose.tip_mm)
         return replace(pose, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
+
+
+def _is_bordered(field: VisibleField, camera: Camera) -> bool:
+    """Whether the central square of a field is smaller than that of the image."""
+    x0, y0, x1, y1 = field.box
+    return min(x1 - x0, y1 - y0) < _LEAST_FILLED * min(camera.width, camera.height)
 
 
 def _scale(model_mm: float | None, diameter_mm: float | None) -> float:

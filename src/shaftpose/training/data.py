@@ -60,7 +60,14 @@ def training_data(
     rendered: Images = RenderedImages(shards, read_keys(folders.split, "train"), with_instances)
     mixed_in: Images | None = None
     if variant.real_share > 0 and variant.views:
-        mixed_in = CocoFrames(folders.mixed_in_images(), round(_FRAME_DENSITY * side_px))
+        frames = folders.mixed_in_images()
+        shafts = [shaft for frame in frames for shaft in frame.instruments]
+        if shafts and not any(shaft.is_located for shaft in shafts):
+            raise InputError(
+                f"{folders.mixed_in}/train.json: no shaft has a `segmentation` or a tip, by which "
+                f"{variant.name} learns; outline the shafts, or train variant d_noise_real"
+            )
+        mixed_in = CocoFrames(frames, round(_FRAME_DENSITY * side_px))
     elif variant.real_share > 0:
         mixed_in = CocoImages(folders.mixed_in_images(), side_px, with_instances)
     if settings.images_in_memory:
