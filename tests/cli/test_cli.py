@@ -291,7 +291,8 @@ def test_tables_have_a_heading_and_a_line_for_each_shaft(
 def test_earlier_results_are_kept(model: Path, frame: Path, tmp_path: Path) -> None:
     (tmp_path / "predictions.jsonl").write_text("earlier")
     with pytest.raises(
-        SystemExit, match=r"^error: .*predictions.jsonl: cannot be written \(File e"
+        SystemExit,
+        match=r"^error: .*predictions.jsonl: is there already, and is kept; name another folder",
     ):
         main(["predict", str(frame), "--model", str(model), "--out", str(tmp_path)])
     assert (tmp_path / "predictions.jsonl").read_text() == "earlier"

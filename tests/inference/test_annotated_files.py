@@ -184,9 +184,9 @@ def test_a_video_that_was_begun_is_finished_if_prediction_fails(tmp_path: Path) 
 def test_a_folder_that_takes_no_file_is_named(tmp_path: Path) -> None:
     folder = tmp_path / "file"
     folder.touch()
-    for time_s, name in ((None, "a.jpg"), (0.0, "a.mp4")):
+    for time_s in (None, 0.0):
         with (
-            pytest.raises(UnwritableError, match=f"^{folder}/{name}: cannot be written"),
+            pytest.raises(UnwritableError, match=f"^{folder}.*; name another folder by --out"),
             annotated_files(folder) as files,
         ):
             files.add(Frame("a.png", 0, grey(40), time_s), [])

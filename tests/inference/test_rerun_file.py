@@ -70,7 +70,7 @@ def test_earlier_recordings_are_kept(tmp_path: Path) -> None:
 
     (tmp_path / "predictions.rrd").write_text("earlier")
     with (
-        pytest.raises(UnwritableError, match=r"predictions\.rrd: cannot be written"),
+        pytest.raises(UnwritableError, match=r"predictions\.rrd: is there already"),
         rerun_file(tmp_path, matrix, None),
     ):
         pass

@@ -34,6 +34,10 @@ def naming_unwritable(path: object) -> Iterator[None]:
         yield
     except BrokenPipeError:
         raise
+    except FileExistsError as error:
+        raise UnwritableError(
+            f"{error.filename}: is there already, and is kept; name another folder by --out"
+        ) from error
     except OSError as error:
         raise UnwritableError(
             f"{path}: cannot be written ({error.strerror}); name another folder by --out, on a "
