@@ -81,6 +81,13 @@ def test_a_missing_image_is_named(tmp_path: Path) -> None:
     assert f"images[1].file_name = 'images/a.jpg': no such file in {tmp_path}" in complaint(path)
 
 
+def test_an_image_of_another_folder_is_not_taken(tmp_path: Path) -> None:
+    content = coco_content()
+    content["images"][1]["file_name"] = "operation_9/a.jpg"  # images/a.jpg is another one
+    message = complaint(write_dataset(tmp_path, content))
+    assert "images[1].file_name = 'operation_9/a.jpg': no such file" in message
+
+
 @pytest.mark.parametrize("side", [10**7, 10**40])
 def test_an_image_that_is_too_large_is_named(tmp_path: Path, side: int) -> None:
     content = coco_content()

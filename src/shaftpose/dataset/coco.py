@@ -162,13 +162,15 @@ def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry
 def _file_of(name: str, folder: Path, where: str) -> Path:
     """The image file of an entry: its name is relative to the folder or, from CVAT, to `images`.
 
-    A name from Label Studio may be a path on its server, with slashes or backslashes: only its last
-    part counts, and the file is in `images`.
+    A name from Label Studio may be an address, or a path on its server or with backslashes:
+    only its last part counts, and the file is in `images`. For other paths, this would take the
+    image of the same name of another folder.
     """
     stated = PurePath(name)
-    places = [folder / "images" / PureWindowsPath(name).name]  # also splits at slashes
-    if not stated.is_absolute() and ".." not in stated.parts:
-        places = [folder / stated, folder / "images" / stated, *places]
+    if stated.is_absolute() or any(sign in name for sign in ("..", "\\", "://")):
+        places = [folder / "images" / PureWindowsPath(name).name]  # also splits at slashes
+    else:
+        places = [folder / stated, folder / "images" / stated]
     for place in places:
         if os.path.isfile(place):  # unlike Path.is_file, no error for a folder without permission
             return place

@@ -223,7 +223,7 @@ def _numbers(
     if count not in counts:
         raise InputError(
             f"{path}: {names[0]}: missing, or not a matrix of {' or '.join(map(str, counts))} "
-            "numbers"
+            "numbers; write it by cv2.FileStorage, as docs/prediction.md shows"
         )
     items = [data.at(place) for place in range(count)]
     numbers = np.array([item.real() for item in items], dtype=np.float64)
