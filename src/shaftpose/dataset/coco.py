@@ -167,7 +167,7 @@ def _file_of(name: str, folder: Path, where: str) -> Path:
     image of the same name of another folder.
     """
     stated = PurePath(name)
-    if stated.is_absolute() or any(sign in name for sign in ("..", "\\", "://")):
+    if stated.is_absolute() or ".." in stated.parts or "\\" in name or "://" in name:
         places = [folder / "images" / PureWindowsPath(name).name]  # also splits at slashes
     else:
         places = [folder / stated, folder / "images" / stated]
