@@ -34,7 +34,7 @@ def test_each_folder_has_a_row_named_after_it(folders: list[Path], tmp_path: Pat
     compare([*folders, folders[0]], tmp_path / "report")  # one twice: one row
     rows = read_json(tmp_path / "report/ablation.json", "")["rows"]
     assert [row["variant"].partition(" ")[2] for row in rows] == [str(each) for each in folders]
-    assert [row["settings"]["loss.alpha"] for row in rows] == [1.5, 1.5]
+    assert [row["settings"] for row in rows] == 2 * [{"noise": 10, "start": True}]
     page = (tmp_path / "report/ablation.html").read_text()
     assert all(str(each) in page for each in folders)
     assert page.count(f"/runs/{run}") == 2  # both are of this training
