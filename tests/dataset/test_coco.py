@@ -73,6 +73,11 @@ def test_a_box_of_corners_is_named(tmp_path: Path) -> None:
     message = complaint(write_dataset(tmp_path, content))
     assert "annotations[0]: the box [10.0, 5.0, 30.0, 35.0] holds the corners" in message
     assert "write x, y, width, height: [10.0, 5.0, 20.0, 30.0]" in message
+    content["annotations"][0] |= {  # as x, y, width, height, it leaves the image
+        "bbox": [40, 5, 55, 35], "segmentation": [[40, 5, 55, 5, 55, 35, 40, 35]]
+    }  # fmt: skip
+    message = complaint(write_dataset(tmp_path, content))
+    assert "write x, y, width, height: [40.0, 5.0, 15.0, 30.0]" in message
 
 
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
@@ -86,6 +91,16 @@ def test_an_image_of_another_folder_is_not_taken(tmp_path: Path) -> None:
     content["images"][1]["file_name"] = "operation_9/a.jpg"  # images/a.jpg is another one
     message = complaint(write_dataset(tmp_path, content))
     assert "images[1].file_name = 'operation_9/a.jpg': no such file" in message
+
+
+def test_backslashes_part_folders(tmp_path: Path) -> None:
+    content = coco_content()
+    content["images"][1]["file_name"] = "operation_9\\a.jpg"
+    path = write_dataset(tmp_path, coco_content())
+    (tmp_path / "images/operation_9").mkdir()
+    write_image(tmp_path / "images/operation_9/a.jpg", 50, 40)
+    path.write_text(json.dumps(content))
+    assert tmp_path / "images/operation_9/a.jpg" in [image.path for image in read_coco(path)]
 
 
 @pytest.mark.parametrize("side", [10**7, 10**40])

@@ -65,7 +65,7 @@ def test_an_angle_of_frames_with_borders_is_doubted_once() -> None:
         find(frame)
     (warning,) = said
     assert warning.startswith(
-        f"frames of {len(frame)} x {len(frame)} px have black borders: --view-"
+        f"frames of {len(frame)} x {len(frame)} px have black borders or dark"
     )
     find(np.pad(picture, ((0, 0), (border, border), (0, 0))))  # it fills the central square
     part = border, border, side, side

@@ -31,6 +31,14 @@ def test_shafts_meet_those_that_they_cross() -> None:
     assert [len(outlines) for outlines in alone] == [0, 0]
 
 
+def test_shafts_that_one_border_cuts_may_meet_there() -> None:
+    poses = np.array(
+        [[5.001, -5.583, 13.344, 78.288, -65.245], [20.324, -32.348, 34.006, 66.179, -38.023]]
+    )
+    for both in (poses, poses[::-1]):
+        assert [len(outlines) for outlines in met_outlines(both, SHAFT, CAMERA)] == [1, 1]
+
+
 def test_samples_on_another_shaft_are_left_out() -> None:
     """The upright shaft is 3 mm wide at 20 mm: 20.5 px around the centre, and a margin of 2."""
     for times in (1, 2):

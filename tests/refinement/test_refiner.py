@@ -152,6 +152,12 @@ def test_boxes_end_at_the_border() -> None:
     mask = soft_mask(POSES[1])
     found = Refiner(SHAFT, None)(grey(mask), mask, detections(POSES[1] + 0.5 * OFF), CAMERA)
     assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 1)
+    # One of its lines is not in the image, nor is its tip.
+    along_border = np.array([21.0, -30.0, 20.0, 88.0, 88.0])
+    mask = soft_mask(along_border)
+    found = Refiner(SHAFT, None)(grey(mask), mask, detections(along_border), CAMERA)
+    assert np.all(np.abs(found.boxes[0] - mask_box(mask > 0.5)) < 8)
+    assert found.boxes[0, 1:3].tolist() == [0, CAMERA.width]
 
 
 def test_a_shaft_without_a_flat_tip_keeps_its_box() -> None:

@@ -162,15 +162,15 @@ def _image_entries(images: list[Any], path: Path) -> dict[int, tuple[_ImageEntry
 def _file_of(name: str, folder: Path, where: str) -> Path:
     """The image file of an entry: its name is relative to the folder or, from CVAT, to `images`.
 
-    A name from Label Studio may be an address, or a path on its server or with backslashes:
-    only its last part counts, and the file is in `images`. For other paths, this would take the
-    image of the same name of another folder.
+    Of a name from Label Studio, an address or a path on its server, perhaps with backslashes, only
+    the last part counts, and the file is in `images`. For other paths, this would take the image of
+    the same name of another folder.
     """
-    stated = PurePath(name)
-    if stated.is_absolute() or ".." in stated.parts or "\\" in name or "://" in name:
-        places = [folder / "images" / PureWindowsPath(name).name]  # also splits at slashes
-    else:
-        places = [folder / stated, folder / "images" / stated]
+    windows, stated = PureWindowsPath(name), PurePath(name.replace("\\", "/"))
+    is_elsewhere = stated.is_absolute() or windows.drive or ".." in stated.parts or "://" in name
+    places = [] if is_elsewhere else [folder / stated, folder / "images" / stated]
+    if is_elsewhere or "\\" in name:
+        places.append(folder / "images" / stated.name)
     for place in places:
         if os.path.isfile(place):  # unlike Path.is_file, no error for a folder without permission
             return place
@@ -221,6 +221,12 @@ def _field(view: list[list[float]] | None, where: str) -> tuple[Point, ...] | No
 
 def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> CocoInstrument:
     """The instrument, or crowd, of an annotation, with its box clipped to the image."""
+    mask = None if annotation.iscrowd else _mask(annotation.segmentation, entry, where)
+    if mask is not None and _states_corners(annotation.bbox, mask.extent):
+        raise InputError(
+            f"{where}: the box {annotation.bbox} holds the corners of its `segmentation`; write x, "
+            f"y, width, height: {mask.extent}"
+        )
     x, y, width, height = annotation.bbox
     corners = np.array([[x, y], [x + width, y + height]])
     clipped = np.clip(corners, 0, [entry.width, entry.height])
@@ -236,12 +242,6 @@ def _instrument(annotation: _Annotation, entry: _ImageEntry, where: str) -> Coco
         )
     (x0, y0), (x1, y1) = clipped.tolist()
     axis = (annotation.tip or UNKNOWN_POINT, annotation.tail or UNKNOWN_POINT)
-    mask = None if annotation.iscrowd else _mask(annotation.segmentation, entry, where)
-    if mask is not None and _states_corners(annotation.bbox, mask.extent):
-        raise InputError(
-            f"{where}: the box {annotation.bbox} holds the corners of its `segmentation`; write x, "
-            f"y, width, height: {mask.extent}"
-        )
     return CocoInstrument((x0, y0, x1, y1), mask, annotation.occluded, axis)
 
 

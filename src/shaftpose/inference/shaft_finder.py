@@ -75,9 +75,9 @@ class ShaftFinder:
                 return []
             if self._by_angle and _is_bordered(field, picture.camera):
                 self._warn(
-                    f"frames of {width} x {height} px have black borders: --view-deg is the angle "
-                    "across the central square of all of it; if yours is that of the picture "
-                    "within them, cut them off by --crop"
+                    f"frames of {width} x {height} px have black borders or dark margins: "
+                    "--view-deg is the angle across the central square of all that is used of a "
+                    "frame; if yours is that of the picture alone, cut it out by --crop"
                 )
             picture, corner = picture.within(field), np.array(field.box[:2])
         (every,) = self._predictor(picture.rgb[None], [picture.fine], picture.camera)

@@ -39,7 +39,9 @@ def leaving_out(outlines: Sequence[Outline], search: Search, times: int = 1) -> 
 
 
 def _meet(one: Outline, other: Outline) -> bool:
-    return len(one) > 0 and len(other) > 0 and cv2.intersectConvexConvex(one, other)[0] > 0
+    # Where both end at one border, OpenCV sees some intersections in one of the orders alone.
+    orders = ((one, other), (other, one)) if len(one) and len(other) else ()
+    return any(cv2.intersectConvexConvex(*order)[0] > 0 for order in orders)
 
 
 def _near(outline: Outline, point: Array) -> bool:

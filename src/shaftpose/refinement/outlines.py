@@ -1,6 +1,7 @@
 """The outline of a shaft in the image, from its contour within and around the image.
 
-A shaft that the image's border cuts along its length has only one of its lines in the image.
+A shaft that the image's border cuts along its length has only one of its lines in the image. Of
+one that is wider than the image, corners may be missing.
 """
 
 from dataclasses import replace
