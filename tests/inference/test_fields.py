@@ -54,6 +54,15 @@ def test_dark_corners_do_not_cut_a_parted_field() -> None:
     assert visible_field(frame) == VisibleField((0, 0, WIDTH, HEIGHT))
 
 
+def test_one_side_of_a_bent_instrument_is_no_disc() -> None:
+    """The right side is a part of a disc of 800 px, whose centre is not in the frame."""
+    frame = tissue()
+    cv2.circle(frame, (670, 150), 400, (6, 6, 6), 44)
+    for corner in ([[0, HEIGHT], [100, HEIGHT], [0, HEIGHT - 100]], [[0, 0], [100, 0], [0, 100]]):
+        cv2.fillPoly(frame, [np.array(corner)], (3, 3, 3))
+    assert visible_field(frame) == VisibleField((0, 0, WIDTH, HEIGHT))
+
+
 def test_a_round_picture_cut_by_the_frame_is_found_beside_texts_and_panels() -> None:
     disc = Disc(250.0, 140.0, 380.0)
     frame = round_picture(disc)
