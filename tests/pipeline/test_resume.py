@@ -1,6 +1,5 @@
 """A killed training resumes and ends bit for bit like an undisturbed one."""
 
-import csv
 import os
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from lightning import Callback, Trainer, seed_everything
 from torch import Tensor
 
 from shaftpose.dataset.training_stream import SkippedImages
+from shaftpose.evaluation.model_results import read_curves
 from shaftpose.training.assembly import build_module, build_trainer
 from shaftpose.training.curves import Curves
 from shaftpose.training.data import training_data
@@ -212,8 +212,7 @@ def test_the_stage_goes_on_after_sigkill(
     checkpoint = torch.load(project / "models/d/model.ckpt", weights_only=True)
     for name, value in undisturbed["plain"].weights.items():
         assert torch.equal(checkpoint["state_dict"][f"network.{name}"], value), name
-    with (project / "models/d/curves.csv").open(newline="") as stream:
-        rows = [(int(r["step"]), r["name"], float(r["value"])) for r in csv.DictReader(stream)]
+    rows = read_curves(project / "models/d/curves.csv")
     assert validations(rows) == validations(undisturbed["plain"].curves.rows)
     mlflow.set_tracking_uri(f"sqlite:///{project / 'mlflow.db'}")
     (run,) = mlflow.search_runs(experiment_names=["shaftpose"], output_format="list")
