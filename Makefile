@@ -111,7 +111,7 @@ film: $(READY)  ## render moving shafts, track them, and show it in docs
 architecture: $(READY)  ## write the tables of docs/architecture.md
 	python -m studies.architecture_tables
 
-results: $(READY)  ## write the project's own pages (docs/results.md, README) from what Git holds
+results: $(READY)  ## write the results in README and docs from what Git holds
 	python -m studies.scaling_tables
 	python -m studies.write_results_page
 

@@ -134,7 +134,7 @@ def _readme_sentences(rows: Sequence[VariantRow], default: MetricValues) -> str:
     shown = row.batch_size * row.steps
     detector = row.batch_size * max(one.detector_steps for one in rows)
     before = (
-        f"; the paper's variants started from a detector that had seen {detector:,}"
+        f"; our C and D started from a detector that had seen {detector:,}"
         if detector
         else ""
     )
