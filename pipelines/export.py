@@ -4,7 +4,11 @@ import logging
 from pathlib import Path
 
 from shaftpose.dataset.split import first_images
-from shaftpose.export.checked_export import export_model, store_thresholds
+from shaftpose.export.checked_export import (
+    check_camera_and_poses,
+    export_model,
+    store_thresholds,
+)
 from shaftpose.network.building import trained_network
 from shaftpose.settings.stage import stage
 from shaftpose.settings.tree import Settings
@@ -21,14 +25,14 @@ def main(settings: Settings) -> None:
     out, training = settings.out, settings.model_folder
     out.mkdir(parents=True, exist_ok=True)
     network = trained_network(settings.variant, training / "model.ckpt")
+    record, path = read_training(training), out / "model.onnx"
+    check_camera_and_poses(record, training, settings.rendering)
     rendered, lists = Path("data/render/images"), Path("data/split")
     images = first_images(rendered, lists, "test", PARITY_IMAGES)
     parity = export_model(network, settings.detection, settings.rendering, images, out)
-    views = settings.detection.refine == "views"
-    store_thresholds(out / "model.onnx", rendered, lists, views)
+    store_thresholds(path, rendered, lists, settings.detection.refine == "views")
     connect(settings.tracking.uri, settings.tracking.experiment)
-    training_id, path = read_training(training).training_id, out / "model.onnx"
-    log_model(training_id, settings.variant.name, path, images[:1])
+    log_model(record.training_id, settings.variant.name, path, images[:1])
     logging.getLogger(__name__).info("the model is in %s; parity with PyTorch: %s", path, parity)
 
 

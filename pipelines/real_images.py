@@ -10,7 +10,7 @@ from shaftpose.farm.locks import alone_in
 from shaftpose.farm.render_sets import render_sets
 from shaftpose.rendering.stand_in_sets import stand_in_sets
 from shaftpose.settings.stage import stage
-from shaftpose.settings.tree import Settings
+from shaftpose.settings.tree import Settings, warn_of_unread_images
 from shaftpose.stage_files import REAL, STAND_IN, AboutImages
 
 SCRATCH = Path("data/scratch")
@@ -32,6 +32,7 @@ def main(settings: Settings) -> None:
         write_json(out / "about.json", asdict(AboutImages(REAL if source else STAND_IN)))
     for part, images in read_folder(out).items():
         logging.getLogger(__name__).info("%s/%s.json: %s", out, part, summary(images))
+    warn_of_unread_images(settings, Path(__file__).resolve().parents[1])
 
 
 if __name__ == "__main__":

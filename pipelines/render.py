@@ -20,8 +20,9 @@ def main(settings: Settings) -> None:
     with alone_in(settings.out, SCRATCH):  # another run must not start between two sets
         library, held_out = read_library(BACKGROUNDS), settings.backgrounds.held_out
         sets = rendered_sets(settings.rendering, settings.size, library, held_out, settings.seed)
-        render_sets(sets, settings.cluster, SCRATCH, settings.out)
+        # First, so that the mesh of a CAD file can be looked at before hours of rendering.
         write_models(settings.out / "models", instrument_shape(settings.shaft))
+        render_sets(sets, settings.cluster, SCRATCH, settings.out)
 
 
 if __name__ == "__main__":

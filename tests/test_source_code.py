@@ -53,3 +53,20 @@ def test_what_is_not_of_the_package_is_left_out(module: str) -> None:
 def test_the_names_of_all_forms_of_import() -> None:
     tree = ast.parse("import a.b as c\nfrom d import e\ndef f():\n    from g.h import i\n")
     assert set(imported_names(tree)) == {"a.b", "d", "d.e", "g.h", "g.h.i"}
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("from .c import d", {"a.b.c", "a.b.c.d"}),
+        ("from . import c", {"a.b", "a.b.c"}),
+        ("from ..c import d", {"a.c", "a.c.d"}),
+        ("from .. import c", {"a", "a.c"}),
+    ],
+)
+def test_relative_imports_begin_with_the_folder(line: str, names: set[str]) -> None:
+    assert set(imported_names(ast.parse(line), "a.b")) == names
+
+
+def test_a_folders_own_module_counts() -> None:
+    assert "tracking/__init__.py" in names("shaftpose.tracking")

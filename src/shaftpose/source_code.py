@@ -34,25 +34,32 @@ def source_files(modules: Iterable[str], without: Iterable[str] = ()) -> list[Pa
 
 
 def _counts(name: str) -> bool:
-    """Whether a name is that of a module of the package, not of a folder, that computes results."""
-    inside = name.startswith("shaftpose.") and _file(name).name != "__init__.py"
+    """Whether a name is that of a module of the package that computes results."""
+    inside = name.startswith("shaftpose.") and _file(name).is_file()
     return inside and not any(f"{name}.".startswith(f"{other}.") for other in _PLUMBING)
 
 
 @cache
 def _imported(module: str) -> frozenset[str]:
-    names = set(imported_names(ast.parse(_file(module).read_text())))
+    path = _file(module)
+    folder = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    names = set(imported_names(ast.parse(path.read_text()), folder))
     return frozenset(name for name in names if _counts(name))
 
 
-def imported_names(tree: ast.AST) -> Iterator[str]:
-    """Names imported anywhere in a file; `from a import b` yields a and a.b."""
+def imported_names(tree: ast.AST, folder: str = "") -> Iterator[str]:
+    """Names imported anywhere in a file; `from a import b` yields a and a.b.
+
+    folder: the package that the file's relative imports begin with.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield str(node.module)
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            above = folder.split(".")[: 1 - node.level or None] if node.level else []
+            source = ".".join([*above, node.module] if node.module else above)
+            yield source
+            yield from (f"{source}.{alias.name}" for alias in node.names)
 
 
 def _file(module: str) -> Path:

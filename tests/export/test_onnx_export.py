@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from shaftpose.core.geometry import Camera
 from shaftpose.core.instruments import Detections
-from shaftpose.export.onnx_export import ShaftDetector, export_onnx
+from shaftpose.export.onnx_export import ShaftDetector, export_onnx, with_folded_norms
 from shaftpose.export.parity import check_parity, mask_difference
 from shaftpose.inference.predictor import Predictor
 from shaftpose.network.dense.network import DenseNetwork
@@ -98,6 +98,39 @@ def test_file_agrees_with_the_network(
     assert parity.holds
     assert parity.detections >= 15 * count
     assert parity.tied <= 2 * count
+
+
+class ActiveNorm(nn.BatchNorm2d):
+    """A normalisation that does more, as those of other libraries."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(x).relu()
+
+
+class Shortcut(nn.Module):
+    """Children that do not run one after another."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(4, 4, 1)
+        self.norm = nn.BatchNorm2d(4)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.norm(self.conv(x) + x)
+
+
+def test_only_plain_norms_after_their_convolution_are_folded() -> None:
+    torch.manual_seed(0)
+    plain = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
+    active = nn.Sequential(nn.Conv2d(4, 4, 3), ActiveNorm(4))
+    whole, x = nn.Sequential(plain, active, Shortcut()), torch.randn(2, 3, 9, 9)
+    with torch.no_grad():
+        for norm in (plain[1], active[1], whole[2].norm):
+            norm.running_mean.uniform_(-1, 1)
+        whole.eval()
+        folded = with_folded_norms(whole)
+        torch.testing.assert_close(folded(x), whole(x))
+    assert isinstance(folded[0][1], nn.Identity)
 
 
 def test_names_and_types(session: onnxruntime.InferenceSession) -> None:

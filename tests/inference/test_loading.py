@@ -2,6 +2,8 @@
 
 import logging
 import re
+import shutil
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,8 @@ from shaftpose.core.errors import InputError
 from shaftpose.export.onnx_export import store_metadata
 from shaftpose.image_files.reading import read_rgb
 from shaftpose.inference.loading import load
-from shaftpose.inference.model_files import ModelMetadata
+from shaftpose.inference.model_files import ModelMetadata, model_file
+from shaftpose.inference.predictor import Predictor
 from tests.inference.test_calibration_files import FILE
 
 ROOT = Path(__file__).parents[2]
@@ -129,6 +132,22 @@ def test_a_model_of_a_distorting_lens_takes_no_other_camera(
     assert "--camera" not in warnings[0]
     with pytest.raises(InputError, match=r"constant\.onnx: was trained with lens distortion"):
         load(constant_model, **option)
+
+
+def test_a_model_of_a_distorting_lens_sees_squares_by_its_own_camera(tmp_path: Path) -> None:
+    path = tmp_path / "distorted.onnx"
+    with model_file(None) as bundled:
+        shutil.copy(bundled, path)
+    store_metadata(path, replace(Predictor(path).metadata, distorted=True))
+    predictor, picture = Predictor(path), read_rgb(FRAME)
+    side = predictor.side_px
+    square = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
+    (evaluated,) = predictor(square[None])
+    find = load(path, score=0.5, warn=lambda _: None)
+    poses = [shaft.pose.as_array() for shaft in find(square)]
+    np.testing.assert_allclose(poses, evaluated.above(0.5).poses, rtol=1e-4)
+    wide = cv2.copyMakeBorder(square, 0, 0, 99, 99, cv2.BORDER_REPLICATE)
+    np.testing.assert_allclose([one.pose.as_array() for one in find(wide)], poses, rtol=1e-4)
 
 
 def test_a_model_may_be_a_path() -> None:

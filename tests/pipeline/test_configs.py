@@ -14,7 +14,7 @@ from shaftpose.network.building import build_network
 from shaftpose.network.dense.network import DenseNetwork
 from shaftpose.network.ssd.pose_bins import BinCoder
 from shaftpose.network.ssd.single_shot import SingleShotNetwork
-from shaftpose.settings.tree import Settings, check_variants
+from shaftpose.settings.tree import Settings, check_variants, warn_of_unread_images
 from shaftpose.stage_files import DataRecord
 from shaftpose.training.fingerprint import fingerprint
 from tests.pipeline.conftest import ROOT, Run, recipe_with, settings_with
@@ -148,11 +148,33 @@ def test_variants_with_one_title_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("variants", "source", "warned"),
+    [("e", "mine", True), ("e,d_noise_real", "mine", False), ("e", "null", False)],
+)
+def test_real_images_that_no_variant_learns_from_are_warned_of(
+    variants: str, source: str, warned: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    warn_of_unread_images(settings_with(f"variants=[{variants}]", f"real.source={source}"), ROOT)
+    assert ("no variant of params.yaml learns from" in caplog.text) is warned
+
+
+@pytest.mark.parametrize("name", ["alpha", "gamma"])
+def test_a_weight_that_a_variant_does_not_read_is_refused(name: str) -> None:
+    settings_with("variant=d", f"loss.{name}=2.0")
+    with pytest.raises(InputError, match=rf"loss\.{name}=2\.0: conf/variant/e\.yaml does not read"):
+        settings_with("variant=e", f"loss.{name}=2.0")
+
+
+@pytest.mark.parametrize(
     ("changed", "says"),
     [
         ({"name": "d"}, "name = 'd': remove it, the file's name is used"),
         ({"network": None}, "network is missing; add it"),
         ({"network": {"head": "D"}}, "must name a class or function as _target_"),
+        (
+            {"loss": {"_target_": "shaftpose.x", "terms": {"_target_": "mine.Loss"}}},
+            "_target_ mine.Loss is outside of shaftpose",
+        ),
     ],
 )
 def test_a_variants_file_is_checked(changed: dict[str, object], says: str, tmp_path: Path) -> None:

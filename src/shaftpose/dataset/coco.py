@@ -197,7 +197,11 @@ def _instruments(
 
 def _tool_ids(categories: Any) -> list[Any]:
     entries = categories if isinstance(categories, list) else []
-    return [e.get("id") for e in entries if isinstance(e, dict) and e.get("name") == "tool"]
+    return [e.get("id") for e in entries if isinstance(e, dict) and _is_tool(e.get("name"))]
+
+
+def _is_tool(name: object) -> bool:
+    return isinstance(name, str) and name.casefold() == "tool"
 
 
 def _tool(annotation: _Annotation, whole: CocoInstrument, where: str) -> CocoTool:

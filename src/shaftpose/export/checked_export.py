@@ -24,7 +24,9 @@ from shaftpose.inference.shard_prediction import predict_shards
 from shaftpose.metrics.detection.precision_recall import best_confidence, precision_recall
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork
 from shaftpose.settings.choices import Refinement
+from shaftpose.settings.parsing import as_plain
 from shaftpose.settings.schema import DetectionSettings, RenderSettings
+from shaftpose.stage_files import TrainingRecord
 
 
 def export_model(
@@ -52,6 +54,21 @@ def export_model(
         raise InputError(f"{path}: differs from the checkpoint ({parity}); report this as a bug")
     store_metadata(path, _metadata(rendering, stored))
     return parity
+
+
+def check_camera_and_poses(
+    training: TrainingRecord, folder: Path, rendering: RenderSettings
+) -> None:
+    """Raise InputError if a network was trained with another camera or other poses than those of
+    the settings, which its file would state."""
+    for section in ("camera", "poses"):
+        trained = training.recipe[section]
+        for name, value in as_plain(getattr(rendering, section)).items():
+            if trained[name] != value:
+                raise InputError(
+                    f"{folder}: was trained with {section}.{name} = {trained[name]}, the settings "
+                    f"say {value}; set the former, or train again"
+                )
 
 
 def store_thresholds(path: Path, images: Path, lists: Path, views: bool) -> None:

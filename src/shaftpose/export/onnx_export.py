@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import onnx
 import torch
@@ -20,12 +20,14 @@ from shaftpose.inference.learned_edges import OUTPUTS, STRIPS
 from shaftpose.inference.model_files import ModelMetadata
 from shaftpose.network.pose_network import MaskNetwork, PoseNetwork, normalise_images
 from shaftpose.network.ssd.decoding import NMS_OPERATOR
+from shaftpose.network.ssd.layers import ConvBNReLU
 from shaftpose.refinement.contour_sampling import COLUMNS, ROWS
 from shaftpose.settings.schema import DetectionSettings
 
 OPSET = 20
 # `opset20` accepts Python numbers and lists, but its type hints refuse them.
 op: Any = opset20
+Module = TypeVar("Module", bound=nn.Module)
 
 
 class ShaftDetector(nn.Module):
@@ -61,7 +63,7 @@ def export_onnx(detector: ShaftDetector, path: Path, side_px: int) -> None:
     The number of images stays dynamic, and their size if the network takes any. The detector is
     exported in evaluation mode, on the CPU.
     """
-    exported = _with_folded_norms(detector.cpu().eval())
+    exported = with_folded_norms(detector.cpu().eval())
     # Two images: an example of one would fix the batch dimension to one.
     example = torch.zeros(2, side_px, side_px, 3, dtype=torch.uint8)
     # The exporter finds the least sizes itself; with `Dim`s it would trace once more for them.
@@ -109,17 +111,21 @@ def store_metadata(path: Path, metadata: ModelMetadata) -> None:
         onnx.save(model, str(part), format="protobuf")
 
 
-def _with_folded_norms(detector: ShaftDetector) -> ShaftDetector:
+def with_folded_norms(module: Module) -> Module:
     """A copy in which each batch normalisation is part of the convolution before it.
 
     The exporter does this itself in the end, but takes half as long again for the larger network.
+    Elsewhere than in these modules, children need not run one after another; subclasses of the
+    normalisation may do more.
     """
-    folded = deepcopy(detector)
-    for module in folded.modules():
-        for (before, conv), (after, norm) in pairwise([*module.named_children()]):
-            if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                setattr(module, before, fuse_conv_bn_eval(conv, norm))
-                setattr(module, after, nn.Identity())
+    folded = deepcopy(module)
+    for part in folded.modules():
+        if not isinstance(part, nn.Sequential | ConvBNReLU):
+            continue
+        for (before, conv), (after, norm) in pairwise([*part.named_children()]):
+            if type(conv) is nn.Conv2d and type(norm) is nn.BatchNorm2d:
+                setattr(part, before, fuse_conv_bn_eval(conv, norm))
+                setattr(part, after, nn.Identity())
     return folded
 
 

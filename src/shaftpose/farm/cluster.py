@@ -3,6 +3,7 @@
 With Slurm, scheduler and workers communicate over the network, encrypted with their own keys.
 """
 
+import logging
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from shaftpose.settings.schema import ClusterSettings, SlurmSettings
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
+
+logger = logging.getLogger(__name__)
 
 # The site's settings of dask-jobqueue that are extended, or overridden only if unset.
 _SITE = ("shared-temp-directory", "log-directory", "scheduler-options", "worker-extra-args")
@@ -38,6 +41,11 @@ def cluster_client(settings: ClusterSettings) -> Iterator[Client]:
     else:
         with slurm_cluster(settings.slurm) as cluster:
             _submit_jobs(cluster, settings.slurm.jobs)
+            logger.info(
+                "rendering begins with the first Slurm job (squeue lists them). If jobs run but "
+                "render nothing, they cannot reach this machine: see their logs, and set "
+                "`interface` in ~/.config/dask/jobqueue.yaml"
+            )
             with Client(cluster, set_as_default=False) as client:
                 yield client
 

@@ -66,8 +66,11 @@ class Predictor:
     @property
     def frame_px(self) -> int | None:
         """The shorter side of the image that the model sees of a whole frame; None: it takes square
-        images of one size alone."""
-        return None if self._network.side_px else self.metadata.frame_px or self.side_px
+        images of one size alone, or was trained with lens distortion, so that its poses hold for
+        squares of its own camera."""
+        if self._network.side_px or self.metadata.distorted:
+            return None
+        return self.metadata.frame_px or self.side_px
 
     @property
     def confidence(self) -> float:

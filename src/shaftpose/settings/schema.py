@@ -1,6 +1,7 @@
 """The parts of the settings: small frozen dataclasses that check types and ranges."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -53,7 +54,22 @@ SpreadRange = Annotated[tuple[float, float], _Spread]
 def _names_a_class(values: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(values.get("_target_"), str):
         raise ValueError("must name a class or function as _target_; copy it from another variant")
+    for name in _targets(values):
+        if not name.startswith(("shaftpose.", "torch.")):
+            raise ValueError(
+                f"_target_ {name} is outside of shaftpose, where a change of it would go unnoticed "
+                "and not be trained: put a module that uses it into src/shaftpose/network"
+            )
     return values
+
+
+def _targets(values: Any) -> Iterator[str]:
+    """The names at all depths of a description."""
+    if isinstance(values, dict):
+        if "_target_" in values:
+            yield str(values["_target_"])
+        for value in values.values():
+            yield from _targets(value)
 
 
 # `_target_` and arguments, of which `shaftpose.network.building` makes an object.

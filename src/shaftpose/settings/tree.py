@@ -1,5 +1,6 @@
 """All settings of a run as one frozen tree, parsed and checked once from Hydra's composition."""
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -102,6 +103,7 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
         settings = TypeAdapter(Settings).validate_python({**composed, **elsewhere})
         settings.rendering, settings.stand_in  # noqa: B018  # checks that their parts go together
     check_symmetries(settings.variant, settings.poses)
+    check_loss_weights(settings, root)
     if settings.detection.refine == "views" and not settings.poses.symmetric:
         raise InputError(
             "params.yaml: detection.refine = views: mirrored and turned shafts leave "
@@ -109,6 +111,19 @@ def read_settings(composed: Mapping[str, Any], root: Path) -> Settings:
         )
     check_variants(settings, root)
     return settings
+
+
+def check_loss_weights(settings: Settings, root: Path) -> None:
+    """Raise InputError if the command line sets a weight that the variant does not read, so that a
+    sweep would compare equal trainings."""
+    file = f"{VARIANTS}/{settings.variant.name}.yaml"
+    for override in settings.overrides:
+        name = override.partition("=")[0]
+        if name.startswith("loss.") and f"${{{name}}}" not in (root / file).read_text():
+            raise InputError(
+                f"{override}: {file} does not read {name}, so nothing would change; set a weight "
+                "of its own `loss`, as in variant.loss.mask=1 for E"
+            )
 
 
 def check_symmetries(variant: Variant, ranges: PoseRanges) -> None:
@@ -164,6 +179,16 @@ def check_variants(settings: Settings, root: Path) -> None:
                 "has the same; give each variant its own title"
             )
         named[title] = name
+
+
+def warn_of_unread_images(settings: Settings, root: Path) -> None:
+    """Warn if no variant that the ablation compares learns from the user's real images."""
+    variants = [read_variant(name, root, settings.size) for name in settings.variants]
+    if settings.real.source and not any(variant.real_share for variant in variants):
+        logging.getLogger(__name__).warning(
+            "no variant of params.yaml learns from the images of real.source: add e_real or "
+            "d_noise_real, or set `real_share` in a variant's file"
+        )
 
 
 def read_yaml(path: Path, where: str, remedy: str) -> dict[str, Any]:
