@@ -82,6 +82,8 @@ def notes_on_table_ii(report: AblationReport) -> list[str]:
         "silhouette counts even if its box is too inaccurate to count as detected. In brackets: "
         "95 % confidence interval (bootstrap over images). Silhouettes "
         "ignore occlusion: on occluded images, which hide a part of each shaft, no pose reaches 1.",
+        "Detected: true boxes, and those that networks learn, enclose what is visible; boxes of "
+        "fitted poses enclose the whole shaft, so that of the half hidden some do not count.",
     ]
     if report.domain_label == STAND_IN:
         notes.append(
