@@ -31,7 +31,7 @@ COMMAND = "python -m studies.bundled_errors"  # in the markers of the card, by m
 
 @dataclass(frozen=True)
 class BundledErrors:
-    """What was measured of a bundled model. model: the line of its checksum."""
+    """Metrics of a bundled model. model: the line of its checksum."""
 
     model: str
     metrics: MetricValues
@@ -61,15 +61,15 @@ def check(images: Path, split: Path, card: Path) -> None:
         )
 
 
-def recorded(root: Path, name: str = DEFAULT) -> MetricValues:
-    """What was measured of a bundled model.
+def recorded(root: Path) -> MetricValues:
+    """The metrics of the default model.
 
     Raises InputError if there is no record below `root`, or one of another model.
     """
-    remedy = f"run `{COMMAND} --name {name}`"
-    path = root / RECORDS / f"{name}.json"
+    remedy = f"run `{COMMAND}`"
+    path = root / RECORDS / f"{DEFAULT}.json"
     record = read_stage_file(path, BundledErrors, remedy)
-    if record.model.encode() != checksum(bundled_model(name)):
+    if record.model.encode() != checksum(bundled_model()):
         raise InputError(f"{path}: measured of another model than the bundled one; {remedy}")
     return record.metrics
 
@@ -81,7 +81,7 @@ def measured(predictor: Predictor, images: Path) -> MetricValues:
 
 
 def table(metrics: MetricValues) -> str:
-    """What was measured, and the errors, as Markdown."""
+    """The errors, and the images and threshold of the measurement, as Markdown."""
     errors = pipe_table(headings(ACCURACY), [cells(metrics, ACCURACY)])
     images, shafts = (show(metrics[name], 0) for name in ("images", "instruments"))
     return (

@@ -1,4 +1,4 @@
-"""What the pixels of larger frames give the fit: `make large-frames`.
+"""The fit's errors with more pixels than the network sees: `make large-frames`.
 
 `python -m studies.large_frames --frames 60` renders frames with three times the network's pixels a
 side, on enlarged backgrounds of the test sets in data/backgrounds, finds the shafts with the

@@ -61,8 +61,8 @@ def growth(found: Comparison) -> str:
 
 
 def too_much_lost(found: Comparison) -> list[str]:
-    """What is worse by more than is accepted. Errors are compared over the shafts that both find,
-    so that a shaft more or less with a wrong pose does not count as growth."""
+    """The metrics that are worse by more than is accepted. Errors are compared over the shafts that
+    both find, so that a shaft more or less with a wrong pose does not count as growth."""
     before, after = found.exported["detected_rate"] or 0.0, found.stored["detected_rate"] or 0.0
     losses = [
         f"{name} grows by {found.growth[name]:.1%}"

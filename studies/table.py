@@ -93,7 +93,7 @@ def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
 
 
 def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
-    """What the images without poses are that were mixed in or measured."""
+    """The domain of the images without poses that were mixed in or measured."""
     mixed_in = {record.mixed_in.domain for record in alike if record.mixed_in}
     measured = {images.partition("/")[0] for one in alike for images in one.row.silhouettes}
     return REAL if REAL in mixed_in | measured else STAND_IN

@@ -1,4 +1,4 @@
-"""What stages hand to each other in small JSON files.
+"""The small JSON files that stages pass to each other.
 
 `training.json` holds a `TrainingRecord`, `about.json` an `AboutImages`, `evaluation.json` an
 `evaluation.results.Evaluation` and `silhouette.json` an `evaluation.results.Silhouettes`. Lists of

@@ -65,7 +65,7 @@ class RecordedRow:
 
 @dataclass(frozen=True)
 class Record:
-    """What was measured of a model. model: the line of its checksum; machine: of the last run."""
+    """The measurements of a model. model: the line of its checksum; machine: of the last run."""
 
     model: str
     machine: Mapping[str, str | int | float | None]

@@ -31,7 +31,7 @@ def mask_of(*poses: Array) -> NDArray[np.float32]:
 
 def test_starts_at_a_pose_have_its_tip_and_several_pitches() -> None:
     starts = starts_at(FIRST, [50.0, 80.0])
-    assert all(start.known is FIRST for start in starts)
+    assert all(start.prior_pose is FIRST for start in starts)
     assert [start.pose[3] for start in starts] == [50, 80]
     assert all((start.pose[:3] == FIRST[:3]).all() for start in starts)
     assert starts_at(FIRST, None) == [(FIRST, FIRST)]

@@ -56,9 +56,9 @@ def _add_predict(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--refine", choices=get_args(Refinement), default="edges",
-        help="how poses are refined: not at all; if the model has a mask, fitted to it, or to it "
-        "and then to the edges in the image, the most exact (default: edges); or, of any model, "
-        "averaged over the image and its seven mirrored and turned copies, at ten times the cost",
+        help="how poses are refined: none: not at all; mask: fitted to the model's mask, if it has "
+        "one; edges (default, most precise): fitted to the mask, then to the edges in the image; "
+        "views: means over the image and its seven mirrored and turned copies, ten times as slow",
     )  # fmt: skip
     parser.add_argument(
         "--backend", choices=get_args(Backend), default="onnxruntime",

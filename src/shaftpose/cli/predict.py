@@ -167,7 +167,7 @@ def _digest(path: Path) -> str:
 
 
 def _earlier(options: argparse.Namespace) -> Earlier:
-    """What an interrupted run has done, if it is to be resumed."""
+    """The frames that an interrupted run has finished, if it is to be resumed."""
     if not options.resume:
         return Earlier({})
     path = results_file(options.out, format_of_run(options.format))

@@ -50,7 +50,7 @@ def read_folder(folder: Path) -> dict[str, list[CocoImage]]:
 
 
 def summary(images: Sequence[CocoImage]) -> str:
-    """What a file annotates, in words."""
+    """The numbers of a file's images and annotations, in words."""
     shafts = [shaft for image in images for shaft in image.instruments]
     outlined = sum(shaft.mask is not None for shaft in shafts)
     tools = sum(len(image.tools) for image in images)

@@ -34,7 +34,7 @@ class FrameResults:
 
 
 def compared_frames(model: FrameModel, images: Sequence[CocoImage]) -> list[ComparedFrame]:
-    """What a model finds in each image, compared with its annotations."""
+    """A model's detections in each image, compared with its annotations."""
     return [
         compare_frame(true_shafts(image), model(image), model.threshold)
         for image in tqdm(images, "finding shafts", unit="frame", disable=None)

@@ -1,5 +1,5 @@
-"""What containers of videos state: their size, which tells whether a file was cut short, their
-length, and their videos."""
+"""Headers of video containers: whether a file was cut short, its duration and its number of
+video tracks."""
 
 import re
 from collections.abc import Iterator

@@ -28,7 +28,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Earlier:
-    """What need not be predicted again.
+    """The frames that an interrupted run has finished.
 
     frames: for each source, the number of the first frame still to do, once for each time that the
     source was named. again: the sources whose results were dropped, because a part of them may be

@@ -61,12 +61,12 @@ def _darkened(rgb: Image, disc: Disc | None, times: int) -> Image:
 
 
 def visible_field(rgb: Image) -> VisibleField | None:
-    """The field of an image (H, W, 3); None if nearly all of it is black.
+    """The visible field of an image (H, W, 3); None if nearly all of it is black.
 
-    It is the convex hull of the large bright regions: dark organs belong to it, and instruments
-    that part it. If it is neither a rectangle nor part of a disc, but that of the largest region
-    is a rectangle or a disc's part with the centre, it is that one: others are texts and panels in
-    the black border.
+    The first that fits of: the convex hull of all large bright regions, as a rectangle or a disc
+    (dark organs and instruments may part the picture); that of the largest region, as a rectangle,
+    or as a disc whose centre it holds (the others are texts and panels in the border); the bounding
+    box of the first hull.
     """
     height, width = rgb.shape[:2]
     scale = min(_LONG_PX / max(height, width), 1.0)

@@ -1,4 +1,4 @@
-"""Which view a model gets of a user's frames.
+"""The choice of the picture that a model sees of a user's frames.
 
 The paper's networks see squares of a fixed size, networks of any size the whole frame.
 """

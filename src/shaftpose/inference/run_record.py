@@ -1,4 +1,4 @@
-"""What `--resume` must know of a run: its options, and which videos it has drawn itself."""
+"""The record of a run, for `--resume`: its options, and the videos that it has drawn."""
 
 import os
 from collections.abc import Mapping
@@ -14,14 +14,15 @@ _REMEDY = "name another folder by --out, or remove the results"
 
 @dataclass(frozen=True)
 class _Content:
-    """options: what decides results, by name. videos: names of drawings, each with its source."""
+    """options: those that results depend on, by name. videos: names of drawings, each with its
+    source."""
 
     options: dict[str, str]
     videos: tuple[tuple[str, str], ...] = ()
 
 
 class RunRecord:
-    """The record of a run, a file beside its results."""
+    """The record of a run, a file next to its results."""
 
     def __init__(self, path: Path, content: _Content) -> None:
         self._path, self._content = path, content

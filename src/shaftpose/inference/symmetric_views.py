@@ -35,7 +35,7 @@ def found_in_views(find: Find, images: NDArray[np.uint8]) -> list[Detections]:
 def _found_in_view(
     find: Find, images: NDArray[np.uint8], steps: Sequence[Callable[..., tuple[Image, Annotations]]]
 ) -> list[Detections]:
-    """What is found in the images after the steps, in the coordinates of the images."""
+    """The detections in images after the steps, in the coordinates of the images before them."""
     copies = []
     for rgb in images:
         for step in steps:

@@ -18,8 +18,8 @@ _FINEST = 3
 
 
 class View:
-    """What a pinhole camera would have seen instead of a calibrated camera that looks the same way:
-    frames without distortion, black where they end.
+    """The image that a pinhole camera would have seen in the place of a calibrated camera: without
+    distortion, black where the frame ends.
 
     calibration: of a part of the frames. camera: the pinhole, whose image of w x h px is the
     model's. corner: x, y of the part's first pixel. scaled: whether the image is just the part in
@@ -57,7 +57,8 @@ class View:
         return rgb[y : y + part.height, x : x + part.width]
 
     def _resampling(self, target: Camera) -> tuple[Callable[[Image], Image], float]:
-        """What makes a camera's image of a part, and the share of the image that the part fills."""
+        """A function that makes a camera's image of a part, and the share of it that the part
+        fills."""
         if self._scaled:
             return partial(resized, width=target.width, height=target.height), 1.0
         resampling = _Resampling(self._calibration, target)

@@ -21,10 +21,10 @@ _PLACE = 0.7  # of a run, from its tip: where its width tells the depth; near a 
 
 
 class Start(NamedTuple):
-    """An initial pose (5,) of a fit. known: the pose (5,) to which the fit's prior belongs."""
+    """An initial pose (5,) of a fit. prior_pose: (5,), the mean of the fit's prior."""
 
     pose: Array
-    known: Array
+    prior_pose: Array
 
 
 def starts_at(pose: Array, pitches_deg: Sequence[float] | None) -> list[Start]:
@@ -54,7 +54,7 @@ def lying_on(
 
 
 def first_on(runs: Sequence[Run], poses: Array, camera: Camera) -> NDArray[np.bool_]:
-    """Which poses (K, 5), best first, are the first on every run on which they lie: (K,).
+    """Whether each of the poses (K, 5), best first, is the first on all runs that it lies on: (K,).
 
     Two poses on one run show the same shaft, at two places for its tip.
     """

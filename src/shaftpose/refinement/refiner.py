@@ -68,8 +68,8 @@ class FittedDetections(Detections):
 
 
 class _Evidence(NamedTuple):
-    """What an image shows: the mask (H, W), the image in [-1, 1] and the same in more pixels, and
-    the camera that sees the mask."""
+    """The inputs of an image's fits: the mask (H, W), the image in [-1, 1] and the same in more
+    pixels, and the camera that sees the mask."""
 
     mask: NDArray[np.float32]
     pictures: Sequence[NDArray[np.float32]]
@@ -246,10 +246,10 @@ class Refiner:
         prior = np.diag(_NETWORK_PRIOR**-2)
         fits = [
             fit_pose(
-                pose, self.shaft, camera, search, _MASK_STAGES, _MASK_ERRORS, prior, known,
+                pose, self.shaft, camera, search, _MASK_STAGES, _MASK_ERRORS, prior, prior_pose,
                 self._pitches_deg,
             )
-            for pose, known in starts
+            for pose, prior_pose in starts
         ]  # fmt: skip
         residuals = [
             np.inf if fit is None else self._residual(fit.pose, search, camera) for fit in fits

@@ -65,7 +65,7 @@ def candidate(
 
 
 def version_tags(settings: Settings, evaluation: Evaluation) -> dict[str, str]:
-    """What the registry states of a model.
+    """The tags of a model in the registry.
 
     dataset: digest of the rendered images and their split; mAP, tip_mm: on the validation images.
     """

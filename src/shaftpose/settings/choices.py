@@ -5,7 +5,7 @@ from typing import Literal
 # The programs that can run an exported model.
 Backend = Literal["onnxruntime", "openvino"]
 
-# How poses are refined. none: not at all. mask, edges: if the model predicts a mask, poses are
-# fitted to it, by edges then to the outline that the model's edge reader finds in the image. views:
-# of every model, poses are means over the mirrored and turned image: `inference.symmetric_views`.
+# How poses are refined. none: not at all. mask: fitted to the model's mask. edges: fitted to the
+# mask, then to the outline that the model's edge reader finds in the image. Models without a mask
+# ignore both. views: means over the image and its mirrored and turned copies.
 Refinement = Literal["none", "mask", "edges", "views"]
