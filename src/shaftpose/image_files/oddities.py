@@ -8,7 +8,8 @@ from shaftpose.image_files.parts import Tiff, png_chunks
 # TIFF's tags.
 _BITS, _PHOTOMETRIC, _SAMPLES, _PLANES, _SAMPLE_FORMAT = 258, 262, 277, 284, 339
 _APART = 2  # of planes: each colour by itself
-_WHITE_IS_ZERO, _RGB, _SIGNED = 0, 2, 2  # photometrics: white, black or RGB; others are encodings
+_WHITE_IS_ZERO, _RGB = 0, 2  # photometrics: white, black (1) or RGB; others are encodings
+_SIGNED = 2  # sample format
 _SPACE = rb"(?:\s+|#[^\n]*\n)+"
 _PNM_HEADER = re.compile(rb"P[2356]" + 3 * (_SPACE + rb"(\d+)"))
 # BMP with the shortest header, 32 bits and masks of its colours, and the usual masks.

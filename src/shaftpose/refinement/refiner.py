@@ -32,8 +32,8 @@ _MASK_STAGES = (Stage(12, 40), Stage(10, 90), Stage(7, 200), Stage(4), Stage(2))
 _EDGE_STAGES = (Stage(6), Stage(6), Stage(4), Stage(3))
 # Measured (docs/beyond.md): along a line, a predicted mask is too wide or too narrow as a whole.
 _MASK_ERRORS = EdgeErrors(shared_px=0.3, understated=2.0)
-# The fit to the mask has `_STARTS` initial pitches; `_RESIDUAL_PX` caps a residual in their rating.
-_STARTS, _RESIDUAL_PX = 4, 4.0
+_STARTS = 4  # initial pitches of the fit to the mask
+_RESIDUAL_PX = 4.0  # cap of a residual where the fits from several starts are compared
 # Pitches may be so far below the training's range: in real frames, whose cameras may see a wider
 # angle than assumed, shafts often widen more towards their near end (docs/beyond.md).
 _BEYOND_DEG = 45.0
@@ -42,14 +42,15 @@ _READER_UNDERSTATED = 14.0  # see `EdgeErrors`; at the model's resolution
 # Standard deviations of the parameters (see `refinement.fit`) of a network's poses.
 _NETWORK_PRIOR = np.array([5.0, 5.0, 0.07, 12.0, 10.0])
 
-# Least information per px of a seen tip's arc, from the mask and from the reader; a tip nearer to
-# the border than this is outside; and the standard deviation, along the axis, of a tip that is not
-# seen, px of the model's image. Measured on renders with and without occluders (docs/beyond.md).
-_LEAST_ARC, _LEAST_READ_ARC = 0.2, 40.0
-_AT_BORDER_PX, _HIDDEN_PX = 1.0, 70.0
-# Least score of a detection that explains the run of the mask on which it lies; the score of a
-# shaft that only the mask shows; and the factor of detections that lie on no run (docs/beyond.md).
-_EXPLAINS, _MASK_ALONE, _OFF_RUNS = 0.3, 0.2, 0.8
+# Measured on renders with and without occluders (docs/beyond.md); px of the model's image.
+_LEAST_ARC = 0.2  # information per px of a seen tip's arc, from the mask
+_LEAST_READ_ARC = 40.0  # the same, from the edge reader
+_AT_BORDER_PX = 1.0  # a tip nearer to the border is outside
+_HIDDEN_PX = 70.0  # standard deviation, along the axis, of a tip that is not seen
+# Chosen on frames (docs/beyond.md).
+_EXPLAINS = 0.3  # least score of a detection that explains the run of the mask on which it lies
+_MASK_ALONE = 0.2  # score of a shaft that only the mask shows
+_OFF_RUNS = 0.8  # factor of the scores of detections that lie on no run
 
 # Whether the image shows a tip, something hides it, or it lies outside of the image.
 TipState = Literal["seen", "hidden", "outside"]

@@ -15,7 +15,9 @@ from shaftpose.core.geometry import Array
 _PART, _GAP = np.ones((3, 3), np.uint8), np.ones((5, 5), np.uint8)  # thinner ones do not count
 _FALL = 0.3  # px: no neighbour of a ridge point lies farther from the edges by more
 _LEAST_HALF_PX = 2.0
-_POINTS, _PAIRS, _LINES = 150, 300, 24
+_POINTS = 150  # of the ridges, used at most
+_PAIRS = 300  # of points, drawn as lines (RANSAC)
+_LINES = 24  # kept at most
 _APART_PX = 12.0  # of the two points of a line
 _STEEPEST = 0.3  # change of the half width along a line
 # A ridge point supports a line if it lies on it and is as wide, up to a share of the half width.
