@@ -133,7 +133,11 @@ def _readme_sentences(rows: Sequence[VariantRow], default: MetricValues) -> str:
     row = rows[0]
     shown = row.batch_size * row.steps
     detector = row.batch_size * max(one.detector_steps for one in rows)
-    before = f"; our C and D started from a detector that had seen {detector:,}" if detector else ""
+    before = (
+        f"; our C, D and D + noise started from a detector that had seen {detector:,}"
+        if detector
+        else ""
+    )
     return (
         f"Training and test images: {row.training_images:,} and {row.test_images:,}; in the paper "
         f"{TRAINING_IMAGES:,} and {TEST_IMAGES:,}.\n"

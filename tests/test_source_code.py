@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import shaftpose
+from shaftpose import source_code
 from shaftpose.source_code import imported_names, source_files
 
 ROOT = Path(shaftpose.__file__).parent
@@ -70,3 +71,20 @@ def test_relative_imports_begin_with_the_folder(line: str, names: set[str]) -> N
 
 def test_a_folders_own_module_counts() -> None:
     assert "tracking/__init__.py" in names("shaftpose.tracking")
+
+
+def test_relative_imports_and_folders_are_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = {
+        "mine/__init__.py": "from .layers import Layer",
+        "mine/layers.py": "from ..other import Base",
+        "other.py": "",
+        "unused.py": "",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(source_code, "__file__", str(tmp_path / "source_code.py"))
+    found = [path.relative_to(tmp_path).as_posix() for path in source_files(["shaftpose.mine"])]
+    assert found == ["mine/__init__.py", "mine/layers.py", "other.py"]

@@ -512,6 +512,14 @@ def test_check_takes_another_model(
     assert f"model: FAILED: {model}: not a readable ONNX model" in capsys.readouterr().out
 
 
+def test_check_refuses_a_camera_as_prediction_does(constant_model: Path, tmp_path: Path) -> None:
+    store_metadata(constant_model, ModelMetadata(confidence=0.5, distorted=True))
+    calibration = tmp_path / "cam.yaml"
+    calibration.write_text(PINHOLE)
+    with pytest.raises(SystemExit, match=r"^error: .*constant\.onnx: was trained with lens"):
+        main(["check", "--camera", str(calibration), "--model", str(constant_model)])
+
+
 @pytest.mark.parametrize("command", ["demo", "predict", "models", "show", "check"])
 def test_help_gives_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):

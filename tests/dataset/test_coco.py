@@ -248,8 +248,11 @@ def tools_content() -> dict[str, Any]:
     return content
 
 
-def test_annotations_of_the_category_tool_are_whole_tools(tmp_path: Path) -> None:
-    image = read_coco(write_dataset(tmp_path, tools_content()))[1]
+@pytest.mark.parametrize("name", ["tool", "Tool"])
+def test_annotations_of_the_category_tool_are_whole_tools(name: str, tmp_path: Path) -> None:
+    content = tools_content()
+    content["categories"][1]["name"] = name
+    image = read_coco(write_dataset(tmp_path, content))[1]
     expected = np.zeros((40, 60), dtype=bool)
     expected[5:35, 10:40] = True
     mask = CompressedMask.of(expected)

@@ -127,6 +127,7 @@ def test_only_plain_norms_after_their_convolution_are_folded() -> None:
     with torch.no_grad():
         for norm in (plain[1], active[1], whole[2].norm):
             norm.running_mean.uniform_(-1, 1)
+            norm.running_var.uniform_(0.5, 2)
         whole.eval()
         folded = with_folded_norms(whole)
         torch.testing.assert_close(folded(x), whole(x))

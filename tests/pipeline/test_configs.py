@@ -1,6 +1,7 @@
 """Every combination of configuration files composes and builds its network."""
 
 import inspect
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -158,11 +159,14 @@ def test_real_images_that_no_variant_learns_from_are_warned_of(
     assert ("no variant of params.yaml learns from" in caplog.text) is warned
 
 
-@pytest.mark.parametrize("name", ["alpha", "gamma"])
-def test_a_weight_that_a_variant_does_not_read_is_refused(name: str) -> None:
-    settings_with("variant=d", f"loss.{name}=2.0")
-    with pytest.raises(InputError, match=rf"loss\.{name}=2\.0: conf/variant/e\.yaml does not read"):
-        settings_with("variant=e", f"loss.{name}=2.0")
+@pytest.mark.parametrize(
+    "override", ["loss.alpha=2.0", "++loss.gamma=2.0", "loss.beta.0=2.0", "loss={alpha: 2.0}"]
+)
+def test_a_weight_that_a_variant_does_not_read_is_refused(override: str) -> None:
+    settings_with("variant=d", override)
+    with pytest.raises(InputError, match=f"^{re.escape(override)}: conf/variant/e.yaml does not"):
+        settings_with("variant=e", override)
+    settings_with("variant=e", "variant.loss.mask=2.0")
 
 
 @pytest.mark.parametrize(

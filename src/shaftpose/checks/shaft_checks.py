@@ -29,7 +29,6 @@ def shaft_problems(
             *_masks(image.masks[n], image.amodal_masks[n], image.extents[n], scene.min_visible_px),
             *_pose_entry(image.pose_entries[n], pose, image.scene.rolls[n]),
             *_pose(pose, settings.poses, camera),
-            *(() if settings.shaft.cad else _end(pose, camera, body)),
         ):
             yield f"shaft {n}: {problem}"
     yield from _coverage(image, scene)
@@ -102,16 +101,6 @@ def _pose(pose: ShaftPose, ranges: PoseRanges, camera: Camera) -> Iterator[str]:
         tip = camera.project(pose.tip_mm)
         if not camera.shows(tip):
             yield f"tip at {tip[0]:.1f}, {tip[1]:.1f} px: outside the image"
-
-
-def _end(pose: ShaftPose, camera: Camera, body: Body) -> Iterator[str]:
-    """Check that a rod leaves the image, as it leads to a robot or a hand."""
-    end = shaft_axis(pose, body)[1]
-    if end[2] > 0 and camera.shows(pixel := camera.project(end)):
-        yield (
-            f"the end of its handle, {body.length_mm:g} mm behind the tip, is inside the image, at "
-            f"{pixel[0]:.1f}, {pixel[1]:.1f} px: make shaft.length_mm larger"
-        )
 
 
 def _coverage(image: AnnotatedImage, scene: SceneSettings) -> Iterator[str]:

@@ -92,12 +92,15 @@ def camera(path: Path, name: str) -> str:
     """
     from shaftpose.inference.calibration_files import read_camera
     from shaftpose.inference.frame_views import views
+    from shaftpose.inference.loading import NO_OTHER_CAMERA
     from shaftpose.inference.model_files import model_file
     from shaftpose.inference.predictor import Predictor
 
     notes: list[str] = []
     with model_file(name) as file:
         stated, predictor = read_camera(path, notes.append), Predictor(file)
+    if predictor.metadata.distorted:
+        raise InputError(f"{name}: {NO_OTHER_CAMERA}: leave out --camera")
     if stated.size is None:
         raise InputError(f"{path}: states no image_width and image_height; add them")
     (width, height), own = stated.size, stated(*stated.size)

@@ -123,7 +123,7 @@ def with_folded_norms(module: Module) -> Module:
         if not isinstance(part, nn.Sequential | ConvBNReLU):
             continue
         for (before, conv), (after, norm) in pairwise([*part.named_children()]):
-            if type(conv) is nn.Conv2d and type(norm) is nn.BatchNorm2d:
+            if isinstance(conv, nn.Conv2d) and type(norm) is nn.BatchNorm2d:
                 setattr(part, before, fuse_conv_bn_eval(conv, norm))
                 setattr(part, after, nn.Identity())
     return folded

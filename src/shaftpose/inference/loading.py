@@ -17,6 +17,8 @@ from shaftpose.settings.choices import Backend, Refinement
 
 log = logging.getLogger(__name__)
 
+NO_OTHER_CAMERA = "was trained with lens distortion, which no other camera's frames can be given"
+
 
 def load(
     model: Path | str | None = None,
@@ -49,8 +51,7 @@ def load(
         predictor = Predictor(path, refine, backend)
     if predictor.metadata.distorted and (camera is not None or view_deg is not None):
         raise InputError(
-            f"{model or DEFAULT}: was trained with lens distortion, which no other camera's frames "
-            "can be given: leave out --camera and --view-deg"
+            f"{model or DEFAULT}: {NO_OTHER_CAMERA}: leave out --camera and --view-deg"
         )
     unknown = _unknown(predictor, camera is None and view_deg is None, diameter_mm is None)
     if unknown:

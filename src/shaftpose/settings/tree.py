@@ -1,6 +1,7 @@
 """All settings of a run as one frozen tree, parsed and checked once from Hydra's composition."""
 
 import logging
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -117,9 +118,12 @@ def check_loss_weights(settings: Settings, root: Path) -> None:
     """Raise InputError if the command line sets a weight that the variant does not read, so that a
     sweep would compare equal trainings."""
     file = f"{VARIANTS}/{settings.variant.name}.yaml"
+    text = re.sub(r"#.*", "", (root / file).read_text())
+    read = [f"{name}." for name in re.findall(r"\$\{(loss\b[\w.]*)\}", text)]
     for override in settings.overrides:
-        name = override.partition("=")[0]
-        if name.startswith("loss.") and f"${{{name}}}" not in (root / file).read_text():
+        name = override.partition("=")[0].lstrip("+")
+        known = any(f"{name}.".startswith(one) or one.startswith(f"{name}.") for one in read)
+        if name.partition(".")[0] == "loss" and not known:
             raise InputError(
                 f"{override}: {file} does not read {name}, so nothing would change; set a weight "
                 "of its own `loss`, as in variant.loss.mask=1 for E"
