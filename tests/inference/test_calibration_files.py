@@ -1,5 +1,6 @@
 """A user's camera from OpenCV's calibration file, or from a stated view angle."""
 
+import os
 import re
 from pathlib import Path
 
@@ -215,7 +216,7 @@ def ros_2(message: str) -> str:
     return re.sub(r"^([DK]): \[(.*)\]", lines, message, flags=re.MULTILINE)
 
 
-@pytest.mark.parametrize("text", [MESSAGE, ros_2(MESSAGE)])
+@pytest.mark.parametrize("text", [MESSAGE, ros_2(MESSAGE), 3 * MESSAGE])
 @pytest.mark.parametrize("begin", ["", "---\n", "\ufeff"])
 def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
     path.write_text(begin + text, encoding="utf-8")
@@ -223,6 +224,13 @@ def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
     assert camera.size == (640, 480)
     assert camera.matrix.tolist() == [[500, 0, 320.5], [0, 510, 239.25], [0, 0, 1]]
     assert camera.distortion.tolist() == [-0.25, 1, 0, 0, 0.125]
+
+
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    pipe = tmp_path / "cam.yaml"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"cam\.yaml: no file"):
+        read(pipe)
 
 
 def test_opencvs_fisheye_lens_is_read(path: Path) -> None:

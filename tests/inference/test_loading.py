@@ -76,6 +76,16 @@ def test_an_angle_of_frames_with_borders_is_doubted_once() -> None:
     assert said == [warning]
 
 
+@pytest.mark.parametrize(("before", "doubted"), [(160, False), (200, True), (0, True)])
+def test_an_angle_of_a_picture_beside_the_middle_is_doubted(before: int, doubted: bool) -> None:
+    """A full-height picture, with black to its left and right as in recordings with a panel."""
+    picture = read_rgb(FRAME)
+    said: list[str] = []
+    find = load(view_deg=95.0, diameter_mm=3.0, warn=said.append)
+    find(np.pad(picture, ((0, 0), (before, 320 - before), (0, 0))))
+    assert any("have black borders" in warning for warning in said) is doubted
+
+
 @pytest.mark.parametrize(
     "frame",
     [np.zeros((300, 400), np.uint8), np.zeros((300, 400, 4), np.uint8), np.zeros((300, 400, 3))],

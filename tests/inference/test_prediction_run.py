@@ -71,12 +71,13 @@ def test_names_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "d.png").mkdir()
     names = ["x.tif", str(tmp_path), "clip.mp4", "0", "rtsp://host/live", "./0",
              "https://host/clip.mp4", f"file://{tmp_path}/a%20b.mp4", "HTTP://host/a", "FILE:///a",
-             "file"]  # fmt: skip
+             "file", "20240131120000"]  # fmt: skip
     assert list(sources(names, [], Span())) == [
         ImageFile(Path("x.tif")), ImageFile(tmp_path / "a.jpg"), ImageFile(tmp_path / "b.PNG"),
         VideoFile(Path("clip.mp4")), LiveStream(0), LiveStream("rtsp://host/live"),
         VideoFile(Path("0")), WebAddress("https://host/clip.mp4"), VideoFile(tmp_path / "a b.mp4"),
         WebAddress("HTTP://host/a"), VideoFile(Path("/a")), VideoFile(Path("file")),
+        VideoFile(Path("20240131120000")),
     ]  # fmt: skip
 
 

@@ -93,6 +93,7 @@ def test_a_file_without_confidence_is_named(constant_model: Path) -> None:
         ({"frame_px": "16"}, "frame_px: 16 is not from 32 to 4096"),
         ({"low_pitch_deg": "90", "high_pitch_deg": "50"}, "low_pitch_deg: is above"),
         ({"distorted": "yes"}, "distorted: 'yes' is neither"),
+        ({"shaft_tip": "banana"}, "shaft_tip: 'banana' is none of flat, chamfered"),
         ({"edge_reader": "?"}, "base64"),
     ],
 )

@@ -136,12 +136,15 @@ def _camera_in(path: Path) -> tuple[CameraFile, int]:
 
 
 def _opened(path: Path) -> cv2.FileStorage:
+    if path.exists() and not path.is_file():  # a pipe may never end
+        raise InputError(f"{path}: no file; name a calibration file")
     with path.open(encoding="utf-8-sig") as file:
         text = file.read(_MOST_CHARACTERS + 1)
     if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
         raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
     if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
-        message = text.strip().removeprefix("---").removesuffix("---")  # as `rostopic echo` ends it
+        # `rostopic echo` ends each of its messages by a line of dashes.
+        message = re.split("^---", text.strip().removeprefix("---"), flags=re.MULTILINE)[0]
         # OpenCV's parser wants the items of a list farther in than its name; `ros2 topic echo` and
         # PyYAML write both in one column.
         message = re.sub("^( *)- ", r"\1  - ", message, flags=re.MULTILINE)

@@ -7,8 +7,10 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from typing import get_args
 
 from shaftpose.core.errors import InputError
+from shaftpose.settings.choices import Tip
 
 FOLDER = Path(str(files("shaftpose"))) / "models"
 DEFAULT = "shaftpose"  # the bundled model that is used if no model is named
@@ -136,6 +138,8 @@ class ModelMetadata:
         tip, distorted = stated.get("shaft_tip"), stated.get("distorted", "False")
         if distorted not in ("True", "False"):
             raise ValueError(f"distorted: {distorted!r} is neither True nor False")
+        if tip not in (None, *get_args(Tip)):
+            raise ValueError(f"shaft_tip: {tip!r} is none of {', '.join(get_args(Tip))}")
         text = stated.get("edge_reader")
         reader = None if text is None else base64.b64decode(text, validate=True)
         return cls(

@@ -22,6 +22,7 @@ from shaftpose.inference.result_stream import UnwritableError, result_stream
 # Writes a frame with its shafts.
 Write = Callable[[Frame, Sequence[FoundShaft]], None]
 _log = logging.getLogger(__name__)
+_MOST_DIGITS = 4  # of the number of a camera
 F = TypeVar("F", bound=FrameId)
 F_co = TypeVar("F_co", bound=FrameId, covariant=True)
 
@@ -52,7 +53,7 @@ def _named(name: str, span: Span, warn: Warn, drawings: Path | None) -> Iterable
     if is_live(name):
         if span != Span():
             warn(f"{name}: --start, --end, --every: for films alone; they change nothing here")
-        return [LiveStream(int(name) if name.isdecimal() else name)]
+        return [LiveStream(int(name) if _is_camera(name) else name)]
     scheme, separator, _ = name.partition("://")
     if separator and scheme.lower() != "file":
         return [WebAddress(name, span)]
@@ -75,7 +76,12 @@ def is_live(name: str) -> bool:
     """Whether a name is that of a camera or a stream; only its server knows this of an address of
     HTTP."""
     scheme, separator, _ = name.partition("://")
-    return name.isdecimal() or bool(separator and scheme.lower() not in ("file", "http", "https"))
+    return _is_camera(name) or bool(separator and scheme.lower() not in ("file", "http", "https"))
+
+
+def _is_camera(name: str) -> bool:
+    """Whether a name is a camera's number; longer ones, such as times, name folders and files."""
+    return name.isascii() and name.isdecimal() and len(name) <= _MOST_DIGITS
 
 
 class FramesOf(Protocol[F_co]):

@@ -18,6 +18,7 @@ from shaftpose.refinement.refiner import FittedDetections, TipState, tip_state
 
 _LONGEST_PX = 32_766  # OpenCV can neither resample nor store longer images
 _LEAST_FILLED = 0.9  # of a side of the frame's central square, by that of the picture in it
+_MOST_ASIDE = 0.1  # of that side, from the frame's centre to the picture's
 
 
 class ShaftFinder:
@@ -129,9 +130,12 @@ class ShaftFinder:
 
 
 def _is_bordered(field: VisibleField, camera: Camera) -> bool:
-    """Whether the central square of a field is smaller than that of the image."""
+    """Whether the central square of a field is smaller than that of the image, or beside it."""
     x0, y0, x1, y1 = field.box
-    return min(x1 - x0, y1 - y0) < _LEAST_FILLED * min(camera.width, camera.height)
+    disc, side = field.disc, min(camera.width, camera.height)
+    centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2] if disc is None else [disc.x, disc.y])
+    aside = np.abs(centre - np.array([camera.width, camera.height]) / 2).max()
+    return bool(min(x1 - x0, y1 - y0) < _LEAST_FILLED * side or aside > _MOST_ASIDE * side)
 
 
 def _scale(model_mm: float | None, diameter_mm: float | None) -> float:

@@ -9,3 +9,6 @@ Backend = Literal["onnxruntime", "openvino"]
 # mask, then to the outline that the model's edge reader finds in the image. Models without a mask
 # ignore both. views: means over the image and its mirrored and turned copies.
 Refinement = Literal["none", "mask", "edges", "views"]
+
+# The end of a rod.
+Tip = Literal["flat", "chamfered", "rounded", "forceps"]

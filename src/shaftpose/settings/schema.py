@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from shaftpose.settings.choices import Refinement
+from shaftpose.settings.choices import Refinement, Tip
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -135,7 +135,7 @@ class ShaftSettings:
 
     diameter_mm: Positive
     length_mm: Positive
-    tip: Literal["flat", "chamfered", "rounded", "forceps"]
+    tip: Tip
     bevel_mm: Positive
     jaw_angle_deg: Annotated[float, Field(ge=0, le=120)]
     cad: CadSettings | None
