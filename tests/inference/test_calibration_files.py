@@ -166,8 +166,9 @@ def test_the_first_eye_of_a_stereo_camera_is_taken_for_frames_around_its_axis(pa
     camera = read_camera(path, said.append)
     assert said == [f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames"]
     assert camera(640, 480).matrix.tolist() == MATRIX.tolist()
-    with pytest.raises(InputError, match="has 1280 x 480 px, but the principal point in"):
-        camera(1280, 480)
+    for size in ((1280, 480), (960, 720)):  # twice as wide; 1.5 times as large
+        with pytest.raises(InputError, match=f"has {size[0]} x {size[1]} px, but the principal"):
+            camera(*size)
 
 
 def test_a_principal_point_of_another_size_is_doubted(path: Path) -> None:

@@ -35,7 +35,7 @@ _COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
 
 # OpenCV's parsers die of files that are nested deeply; each level has one of these.
 _MOST_CHARACTERS, _MOST_LEVELS, _LEVEL = 2_000_000, 2_000, ("[", "{", "<", ":", "- ")
-_OFF_CENTRE = 0.2  # of a side: a principal point farther from the middle belongs to another size
+_OFF_CENTRE = 0.1  # of a side: a principal point farther from the middle belongs to another size
 _USUAL_PX = 1000  # side of a frame in which an angle is checked
 
 
