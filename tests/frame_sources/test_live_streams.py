@@ -66,6 +66,26 @@ def test_a_stream_is_shown_to_its_last_frame_and_its_end_reported(tmp_path: Path
     assert {(frame.source, frame.fps) for frame in frames} == {(address, 10.0)}
 
 
+def test_a_stream_of_oblong_pixels_states_their_aspect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    address = f"file://{write_video(tmp_path / 'clip.avi', [40])}"
+    opened, stated = cv2.VideoCapture, {cv2.CAP_PROP_SAR_NUM: 64.0, cv2.CAP_PROP_SAR_DEN: 45.0}
+
+    class Oblong:
+        def __init__(self, address: str) -> None:
+            self._capture = opened(address)
+
+        def get(self, name: int) -> float:
+            return stated.get(name, self._capture.get(name))
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self._capture, name)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Oblong)
+    assert next(LiveStream(address).frames()).aspect == 64 / 45
+
+
 def test_a_camera_that_ends_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, opened = write_video(tmp_path / "clip.avi", [40]), cv2.VideoCapture
     monkeypatch.setattr(cv2, "VideoCapture", lambda index: opened(str(path)))

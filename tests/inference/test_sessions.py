@@ -5,7 +5,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from shaftpose.inference.sessions import open_session
+from shaftpose.inference.sessions import check_model, open_session
 
 X = {"x": np.zeros((1, 1), np.float32)}
 
@@ -39,6 +39,12 @@ def test_a_loop_is_refused() -> None:
     loop = helper.make_node("Loop", ["", "true", "x"], ["y"], body=body)
     with pytest.raises(ValueError, match="it has a loop"):
         open_session(model(constant("true", True), loop))
+
+
+@pytest.mark.parametrize("node", [b"\x22\x84\x00Loop", b"\xa2\x80\x00\x84\x80\x00Loop"])
+def test_a_loop_in_a_longer_encoding_is_refused(node: bytes) -> None:
+    with pytest.raises(ValueError, match="it has a loop"):
+        check_model(b"\x0a\x10" + node)
 
 
 def test_too_much_memory_is_refused() -> None:

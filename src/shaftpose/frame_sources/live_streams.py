@@ -11,7 +11,7 @@ import cv2
 
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.frame_sources.frames import Frame, from_bgr
-from shaftpose.frame_sources.video_files import frame_rate, opencv_takes
+from shaftpose.frame_sources.video_files import frame_rate, opencv_takes, pixel_aspect
 
 _log = logging.getLogger(__name__)
 _PATIENCE_S = 2.0  # for a blocking read when the stream is closed
@@ -104,10 +104,11 @@ class LiveStream:
         )
         if not capture.isOpened():
             raise InputError(f"{self.name}: cannot be opened; is it there, and used by no other?")
+        aspect = pixel_aspect(self.name, capture)
         fps, newest = frame_rate(capture), NewestFrames(capture)
         try:
             for number, time_s, bgr in newest:
-                yield Frame(self.name, number, from_bgr(bgr), time_s, fps)
+                yield Frame(self.name, number, from_bgr(bgr), time_s, fps, aspect)
         finally:
             newest.close()
         raise InputError(f"{self.name}: shows no more frames; is it still connected?")

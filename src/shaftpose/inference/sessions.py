@@ -1,5 +1,6 @@
 """onnxruntime with bounds: a model file may come from anywhere."""
 
+import re
 from functools import cache
 
 import onnxruntime
@@ -7,8 +8,9 @@ import onnxruntime
 _MOST_BYTES = 4 * 2**30  # of all tensors in this process
 _AS_REQUESTED = 1  # the arena grows by what is needed, not to the next power of two
 _FATAL = 4  # what is less than that is an exception, too
-# A node of this kind in ONNX's encoding. It may run for ever; no export of this project has one.
-_LOOP = b"\x22\x04Loop"
+# A node of this kind in ONNX's encoding, whose numbers may have needless bytes. It may run for
+# ever; no export of this project has one.
+_LOOP = re.compile(rb"(\x22|\xa2\x80*\x00)(\x04|\x84\x80*\x00)Loop")
 
 
 def open_session(model: bytes, threads: int = 0) -> onnxruntime.InferenceSession:
@@ -31,7 +33,7 @@ def open_session(model: bytes, threads: int = 0) -> onnxruntime.InferenceSession
 
 def check_model(model: bytes) -> None:
     """Raise ValueError if a model may run for ever."""
-    if _LOOP in model:
+    if _LOOP.search(model):
         raise ValueError("it has a loop, which no export of this project has")
 
 
