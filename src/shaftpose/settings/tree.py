@@ -118,12 +118,13 @@ def check_loss_weights(settings: Settings, root: Path) -> None:
     """Raise InputError if the command line sets a weight that the variant does not read, so that a
     sweep would compare equal trainings."""
     file = f"{VARIANTS}/{settings.variant.name}.yaml"
-    text = re.sub(r"#.*", "", (root / file).read_text())
-    read = [f"{name}." for name in re.findall(r"\$\{(loss\b[\w.]*)\}", text)]
     for override in settings.overrides:
         name = override.partition("=")[0].lstrip("+")
-        known = any(f"{name}.".startswith(one) or one.startswith(f"{name}.") for one in read)
-        if name.partition(".")[0] == "loss" and not known:
+        if name.partition(".")[0] != "loss":
+            continue
+        text = re.sub(r"#.*", "", (root / file).read_text())
+        read = [f"{one}." for one in re.findall(r"\$\{(loss\b[\w.]*)\}", text)]
+        if not any(f"{name}.".startswith(one) or one.startswith(f"{name}.") for one in read):
             raise InputError(
                 f"{override}: {file} does not read {name}, so nothing would change; set a weight "
                 "of its own `loss`, as in variant.loss.mask=1 for E"
