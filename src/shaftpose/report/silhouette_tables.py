@@ -83,7 +83,7 @@ def notes_on_table_ii(report: AblationReport) -> list[str]:
         "95 % confidence interval (bootstrap over images). Silhouettes "
         "ignore occlusion: on occluded images, which hide a part of each shaft, no pose reaches 1.",
         "Detected: true boxes, and those that networks learn, enclose what is visible; boxes of "
-        "fitted poses enclose the whole shaft, so that of the half hidden some do not count.",
+        "fitted poses enclose the whole shaft, so that an occluded one may count as not detected.",
     ]
     if report.domain_label == STAND_IN:
         notes.append(
