@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from shaftpose.core.errors import InputError
+from shaftpose.frame_sources.film_clock import FilmClock
 from shaftpose.frame_sources.video_files import Span, VideoFile, frame_rate
 from tests.frame_sources.videos import (
     TRACK,
@@ -79,6 +80,23 @@ def test_frames_of_changing_rates_have_their_own_times(times_ms: list[int], tmp_
     frames = list(VideoFile(path).frames(fail))
     assert [frame.time_s for frame in frames] == [time / 1000 for time in times_ms]
     assert frames[3].rgb.mean() == pytest.approx(200, abs=2)
+
+
+def test_joined_files_of_a_recorder_follow_each_other(tmp_path: Path) -> None:
+    """The times of each begin again in an MPEG program stream."""
+    part = write_video(tmp_path / "part.mpg", [40] * 50).read_bytes()
+    path = tmp_path / "joined.mpg"
+    path.write_bytes(part + part)
+    times = [frame.time_s for frame in VideoFile(path).frames(fail)]
+    assert times == pytest.approx([n / 25 for n in range(100)])
+
+
+def test_times_that_step_back_or_are_missing_are_filled() -> None:
+    clock = FilmClock(fps=10)
+    stated = [0.1, 0.3, 0.2, 0, 0.5, 5, 0, 1.2, 1.3, float("inf")]
+    assert [clock.time_s(time) for time in stated] == pytest.approx(
+        [0.1, 0.3, 0.3, 0.4, 0.5, 5, 5.1, 5.2, 5.3, 5.4]
+    )
 
 
 def test_the_last_frame_may_be_shown_for_long(tmp_path: Path) -> None:
@@ -223,8 +241,8 @@ def test_a_still_picture_is_a_video(tmp_path: Path) -> None:
 
 
 class Unwritten:
-    """A capture that, from some frame on, returns what its memory holds, as OpenCV does of
-    interlaced video."""
+    """A capture of eight frames, the first two alike, that from some frame on returns what its
+    memory holds, as OpenCV does of interlaced video."""
 
     first = 0
 
@@ -239,22 +257,22 @@ class Unwritten:
         return True
 
     def get(self, name: int) -> float:
-        return {cv2.CAP_PROP_FRAME_COUNT: 4.0, cv2.CAP_PROP_FPS: 25.0}.get(name, 0.0)
+        return {cv2.CAP_PROP_FRAME_COUNT: 8.0, cv2.CAP_PROP_FPS: 25.0}.get(name, 0.0)
 
     def grab(self) -> bool:
         self._count += 1
-        return self._count <= 4
+        return self._count <= 8
 
     def retrieve(self) -> tuple[bool, np.ndarray]:
         if self._count <= self.first:
-            self._memory = np.full((48, 64, 3), 20 * self._count, np.uint8)
+            self._memory = np.full((48, 64, 3), 20 * max(self._count, 2), np.uint8)
         return True, self._memory.copy()
 
     def read(self) -> tuple[bool, np.ndarray | None]:
         return self.retrieve() if self.grab() else (False, None)
 
 
-@pytest.mark.parametrize("first", [0, 2])
+@pytest.mark.parametrize("first", [0, 2, 5])
 def test_frames_that_opencv_does_not_write_are_named(
     first: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

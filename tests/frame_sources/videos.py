@@ -12,9 +12,10 @@ _BEFORE = {b"stsd": 8, b"mp4v": 78}
 
 
 def write_video(path: Path, greys: Sequence[int], width: int = 64, height: int = 48) -> Path:
-    """Frames of one grey each, 10 a second; in an AVI file, each is compressed on its own."""
-    code = cv2.VideoWriter.fourcc(*("mp4v" if path.suffix == ".mp4" else "MJPG"))
-    writer = cv2.VideoWriter(str(path), code, 10, (width, height))
+    """Frames of one grey each, 10 a second, 25 in an MPEG file; in an AVI file, each is compressed
+    on its own."""
+    name, fps = {".mp4": ("mp4v", 10), ".mpg": ("MPG2", 25)}.get(path.suffix, ("MJPG", 10))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*name), fps, (width, height))
     assert writer.isOpened()
     for grey in greys:
         writer.write(np.full((height, width, 3), grey, dtype=np.uint8))

@@ -27,18 +27,20 @@ class DecodedFrames:
     """Checks the frames of a video."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._lit, self._repeats = name, False, False
+        self._name, self._lit, self._checked = name, False, 0
         self._last: NDArray[np.uint8] | None = None
 
     def check(self, number: int, bgr: NDArray[np.uint8]) -> None:
         """Raise InputError if OpenCV has not written a frame, (H, W, 3). Checks the first frame
-        and the first that equals the one before it, as all later unwritten frames do."""
+        and some that equal the one before them, as all unwritten frames but the first do; each of
+        these at twice the last one's number or more, as a check decodes all frames before it."""
         self._lit = self._lit or bool(bgr.any())
-        first = self._last is None
-        repeats = self._repeats or (self._last is not None and np.array_equal(self._last, bgr))
-        if (first or repeats > self._repeats) and not self._is_written(number, bgr):
-            raise self._unreadable(f"frame {number} cannot be decoded")
-        self._last, self._repeats = bgr, repeats
+        late = number >= 2 * self._checked
+        if self._last is None or (late and np.array_equal(self._last, bgr)):
+            self._checked = number
+            if not self._is_written(number, bgr):
+                raise self._unreadable(f"frame {number} cannot be decoded")
+        self._last = bgr
 
     def check_all(self) -> None:
         """Raise InputError if all frames were black."""

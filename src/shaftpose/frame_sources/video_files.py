@@ -12,6 +12,7 @@ import numpy as np
 from shaftpose import MOST_PIXELS
 from shaftpose.core.errors import InputError, Warn
 from shaftpose.frame_sources.decoded_frames import DecodedFrames, opened
+from shaftpose.frame_sources.film_clock import FilmClock
 from shaftpose.frame_sources.film_ends import (
     counts_frames,
     counts_from_zero,
@@ -73,9 +74,10 @@ class VideoFile:
             warn(f"{self.path}: holds {tracks} videos; the first one is used")
         fps, aspect = frame_rate(capture), pixel_aspect(self.name, capture)
         number, time_s, step_s, stated = 0, 0.0, 1 / fps, 0
-        decoded, gaps = DecodedFrames(self.name), FilmGaps(fps)
+        decoded, gaps, clock = DecodedFrames(self.name), FilmGaps(fps), FilmClock(fps)
         while capture.grab():
-            last_s, time_s = time_s, _time_s(capture, time_s, fps) if number else 0.0
+            stated_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            last_s, time_s = time_s, clock.time_s(stated_s) if number else 0.0
             step_s = max(step_s, time_s - last_s)
             if time_s >= self.span.end_s:
                 self._check_gaps(gaps, warn)
@@ -148,12 +150,6 @@ class VideoFile:
         """Warn of gaps in a film that does not state its exact number of frames."""
         if str(gaps) and not counts_frames(self.path):
             warn(f"{self.path}: {gaps}; it may be damaged there")
-
-
-def _time_s(capture: cv2.VideoCapture, last_s: float, fps: float) -> float:
-    """The time of a frame after the first, never before `last_s`; some containers state none."""
-    time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-    return max(time_s, last_s) if 0 < time_s < np.inf else last_s + 1 / fps
 
 
 def check_size(name: str, capture: cv2.VideoCapture) -> None:
