@@ -217,7 +217,10 @@ def ros_2(message: str) -> str:
     return re.sub(r"^([DK]): \[(.*)\]", lines, message, flags=re.MULTILINE)
 
 
-@pytest.mark.parametrize("text", [MESSAGE, ros_2(MESSAGE), 3 * MESSAGE])
+COMMENTED = re.sub("([^-])$", r"\1 # note", MESSAGE, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("text", [MESSAGE, ros_2(MESSAGE), 3 * MESSAGE, COMMENTED])
 @pytest.mark.parametrize("begin", ["", "---\n", "\ufeff"])
 def test_a_message_of_ros_is_read(begin: str, text: str, path: Path) -> None:
     path.write_text(begin + text, encoding="utf-8")
@@ -253,6 +256,29 @@ def test_opencvs_fisheye_lens_is_read(path: Path) -> None:
 def test_a_fisheye_lens_is_known_in_other_words(line: str, fisheye: bool, path: Path) -> None:
     path.write_text(FILE.replace("---", f"---\n{line}").replace(" 1, 0, 0., 0.125", " 0.1, 0, 0."))
     assert read(path).fisheye is fisheye
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "large"),
+    [
+        ("-0.02, 0.1, -0.14, 0.08", "-0.14, 0.08"),
+        ("-0.3, 0.1, 0.004, -0.02", ""),
+        ("-0.3, 0.1, 0.1, 0.1, 0.3", ""),
+    ],
+)
+def test_coefficients_that_may_be_a_fisheye_lens_are_doubted(
+    coefficients: str, large: str, tmp_path: Path
+) -> None:
+    path, said = tmp_path / "camera.yml", list[str]()
+    count = coefficients.count(",") + 1
+    file = PINHOLE.replace("rows: 5", f"rows: {count}").replace("0, 0, 0, 0, 0", coefficients)
+    path.write_text(file)
+    read_camera(path, said.append)
+    assert said == (
+        [f"{path}: its last coefficients of distortion, [{large}], are taken for p1 and p2, and "
+         "are large for them: if they are k3 and k4 of a fisheye lens, add fisheye_model: 1"]
+        if large else []
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

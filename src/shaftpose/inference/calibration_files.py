@@ -29,12 +29,14 @@ _LENSES = {"plumb_bob": False, "rational_polynomial": False, "equidistant": True
 _MODEL = "distortion_model"
 _FISHEYE = re.compile("fish_?eye|equidistant|kannala", re.IGNORECASE)
 _KIND = re.compile("model|type|lens|projection", re.IGNORECASE)  # of entries that name a lens
+_COMMENT = re.compile(r"""^([^"'#\n]*)\s#.*$""", re.MULTILINE)
 _YES, _NO = ("1", "true", "yes", "on"), ("0", "false", "no", "off")
 # Numbers of coefficients in OpenCV's models of distortion; 0: a pinhole.
 _COEFFICIENTS, _OF_FISHEYE = (0, 4, 5, 8, 12, 14), (4,)
 
 # OpenCV's parsers die of files that are nested deeply; each level has one of these.
 _MOST_CHARACTERS, _MOST_LEVELS, _LEVEL = 2_000_000, 2_000, ("[", "{", "<", ":", "- ")
+_MOST_TANGENTIAL = 0.02  # p1 and p2 of a lens; mounted well, they are far smaller
 _OFF_CENTRE = 0.1  # of a side: a principal point farther from the middle belongs to another size
 _USUAL_PX = 1000  # side of a frame in which an angle is checked
 
@@ -110,6 +112,14 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
         raise _no_calibration(path) from error
     if cameras > 1:
         warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
+    if not camera.fisheye and len(camera.distortion) in _OF_FISHEYE:
+        tangential = camera.distortion[2:]
+        if np.abs(tangential).max() > _MOST_TANGENTIAL:
+            warn(
+                f"{path}: its last coefficients of distortion, {tangential.tolist()}, are taken "
+                "for p1 and p2, and are large for them: if they are k3 and k4 of a fisheye lens, "
+                "add fisheye_model: 1"
+            )
     if camera.size is not None:
         camera(*camera.size)
         if not camera.is_centred(*camera.size):  # as for a part of frames it may be
@@ -142,6 +152,8 @@ def _opened(path: Path) -> cv2.FileStorage:
         text = file.read(_MOST_CHARACTERS + 1)
     if len(text) > _MOST_CHARACTERS or max(map(text.count, _LEVEL)) > _MOST_LEVELS:
         raise InputError(f"{path}: no calibration file: it is too large, or nested too deeply")
+    if not text.startswith(("<?xml", "{")):  # OpenCV's parser wants no comments after values
+        text = _COMMENT.sub(r"\1", text)
     if not text.startswith(("%YAML", "<?xml", "{")):  # ROS's YAML
         # `rostopic echo` ends each of its messages by a line of dashes.
         message = re.split("^---", text.strip().removeprefix("---"), flags=re.MULTILINE)[0]
