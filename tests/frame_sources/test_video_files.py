@@ -1,5 +1,6 @@
 """Videos as sources of frames."""
 
+import re
 import struct
 from pathlib import Path
 from unittest.mock import Mock
@@ -70,6 +71,14 @@ def test_a_video_whose_frames_are_damaged_ends_early(tmp_path: Path) -> None:
         file.seek(size // 3)
         file.write(bytes(size // 2))
     with pytest.raises(InputError, match=f"^{path}: ends after \\d+ of 60 frames"):
+        list(VideoFile(path).frames(fail))
+
+
+def test_a_video_of_which_no_frame_can_be_decoded_is_named(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "clip.avi", [40] * 3)
+    before, frames, index = re.split(b"(?<=movi)(.*)(?=idx1)", path.read_bytes(), flags=re.DOTALL)
+    path.write_bytes(before + bytes(len(frames)) + index)
+    with pytest.raises(InputError, match=f"^{path}: OpenCV cannot decode its frames; convert it"):
         list(VideoFile(path).frames(fail))
 
 

@@ -136,10 +136,15 @@ class VideoFile:
         share = max(count / max(stated, 1), end_s / stated_s if stated_s else 1.0)
         if is_cut(self.path):
             raise InputError(f"{self.path}: is cut short; only its first {count} frames are left")
-        if count == 0 or share < _LEAST_SHARE:
+        if count == 0:
+            raise InputError(
+                f"{self.path}: OpenCV cannot decode its frames; convert it: ffmpeg -i OLD "
+                "-pix_fmt yuv420p NEW.mp4"
+            )
+        if share < _LEAST_SHARE:
             raise InputError(
                 f"{self.path}: ends after {count} of {stated} frames; it may be damaged or cut "
-                "short"
+                "short, or its sound last longer"
             )
         if count < stated and end_s < stated_s - 1 / fps and counts_frames(self.path):
             warn(f"{self.path}: {stated - count} of its {stated} frames are missing")
