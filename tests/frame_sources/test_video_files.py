@@ -203,11 +203,26 @@ def test_the_shape_of_pixels_is_told(width: int, height: int, tmp_path: Path) ->
     assert frame.rgb.shape == (48, 64, 3)
 
 
+def set_matrix(video: Path, turn: tuple[int, int, int, int], across: int) -> None:
+    xx, xy, yx, yy = (number << 16 for number in turn)
+    matrix = struct.pack(">9i", xx, xy, 0, yx, yy, 0, across << 16, 0, 1 << 30)
+    edit_box(video, (*TRACK, b"tkhd"), lambda header: header[:40] + matrix + header[76:])
+
+
+@pytest.mark.parametrize("turn", [(-1, 0, 0, 1), (0, 1, 1, 0)])
+def test_a_film_that_asks_to_be_mirrored_is_refused(
+    turn: tuple[int, int, int, int], tmp_path: Path
+) -> None:
+    video = write_video(tmp_path / "clip.mp4", [40])
+    set_matrix(video, turn, 64)
+    with pytest.raises(InputError, match=f"^{video}: asks for a mirrored picture"):
+        list(VideoFile(video).frames(fail))
+
+
 def test_pixels_turn_with_their_frame(tmp_path: Path) -> None:
     """The track's header holds a matrix of 16.16 numbers that turns frames by 90 deg."""
     video = with_pixel_aspect(write_video(tmp_path / "clip.mp4", [40]), 4, 3)
-    turn = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, 48 << 16, 0, 1 << 30)
-    edit_box(video, (*TRACK, b"tkhd"), lambda header: header[:40] + turn + header[76:])
+    set_matrix(video, (0, 1, -1, 0), 48)
     (frame,) = VideoFile(video).frames(fail)
     assert frame.rgb.shape == (64, 48, 3)
     assert frame.aspect == pytest.approx(3 / 4)

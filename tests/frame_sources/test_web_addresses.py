@@ -104,5 +104,6 @@ def test_a_camera_on_the_web_is_live(server: str) -> None:
 
 
 def test_what_is_not_there_is_named(server: str) -> None:
-    with pytest.raises(InputError, match=f"^{server}/nothing.mp4: cannot be opened"):
-        read(f"{server}/nothing.mp4")
+    address = f"{server}/nothing.mp4"
+    with pytest.raises(InputError, match=f"^{address}: the server answers 404: Not Found$"):
+        read(address)

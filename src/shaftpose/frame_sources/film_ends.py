@@ -1,7 +1,8 @@
-"""Headers of video containers: whether a file was cut short, its duration and its number of
-video tracks."""
+"""Headers of video containers: whether a file was cut short or asks for a mirrored picture, its
+duration and its number of video tracks."""
 
 import re
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -17,6 +18,8 @@ _SYNC = 0x47
 _ASF_HEADER, _MATROSKA_HEADER, _MP4_HEADER = 1 << 16, 1 << 20, 1 << 26
 _TRACKS, _MATROSKA_VIDEO = b"\x16\x54\xae\x6b", b"\x83\x81\x01"
 _VIDEO_TRACK = re.compile(rb"hdlr\0{4}(?:\0{4}|mhlr)vide", re.DOTALL)
+# Of both versions, up to the matrix of 16.16 numbers that turns the picture.
+_TRACK_HEADER = re.compile(rb"tkhd(?:\x00.{39}|\x01.{51})(.{20})", re.DOTALL)
 _RIFF_HEAD = 8  # bytes, which some recorders include in the stated size; a last byte may be spare
 _MOST_BOXES = 1_000_000  # a film has two for each second at most
 
@@ -60,27 +63,36 @@ def video_tracks(path: Path) -> int:
     with path.open("rb") as file:
         if file.read(4) == _EBML:
             return max(_tracks(file, path.stat().st_size).count(_MATROSKA_VIDEO), 1)
-        start = 0
-        for end in _box_ends(file, path.stat().st_size):
-            file.seek(start)
-            if file.read(8)[4:] == b"moov":
-                header = file.read(min(end - start, _MP4_HEADER))
-                return max(len(_VIDEO_TRACK.findall(header)), 1)
-            start = end
-    return 1
+    return max(len(_VIDEO_TRACK.findall(_mp4_header(path))), 1)
 
 
 def film_seconds(path: Path) -> float | None:
     """How long an MP4 film lasts; None for other containers. The frame count of a film that was
     trimmed without being compressed again includes the trimmed frames."""
+    header = _mp4_header(path)
+    return _seconds(header[8:]) if header[4:8] == b"mvhd" else None
+
+
+def is_mirrored(path: Path) -> bool:
+    """Whether an MP4 film asks for a mirrored picture, which OpenCV does not show."""
+    for header in _TRACK_HEADER.finditer(_mp4_header(path)):
+        xx, xy, _, yx, yy = struct.unpack(">5i", header[1])
+        if xx * yy < xy * yx:
+            return True
+    return False
+
+
+def _mp4_header(path: Path) -> bytes:
+    """The content of the box `moov`; empty for other containers."""
     with path.open("rb") as file:
         size = path.stat().st_size
-        for start in (0, *_box_ends(file, size)):
-            file.seek(min(start, size))
-            header = file.read(48)
-            if header[4:8] == b"moov" and header[12:16] == b"mvhd":
-                return _seconds(header[16:])
-    return None
+        start = 0
+        for end in _box_ends(file, size):
+            file.seek(start)
+            if file.read(8)[4:] == b"moov":
+                return file.read(min(end - start - 8, _MP4_HEADER))
+            start = end
+    return b""
 
 
 def _seconds(header: bytes) -> float | None:

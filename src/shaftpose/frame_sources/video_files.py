@@ -18,6 +18,7 @@ from shaftpose.frame_sources.film_ends import (
     counts_from_zero,
     film_seconds,
     is_cut,
+    is_mirrored,
     video_tracks,
 )
 from shaftpose.frame_sources.film_gaps import FilmGaps
@@ -111,6 +112,10 @@ class VideoFile:
         capture = opened(self.name)
         if not capture.isOpened():
             raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
+        if is_mirrored(self.path):
+            raise InputError(
+                f"{self.path}: asks for a mirrored picture; convert it: ffmpeg -i OLD NEW.mp4"
+            )
         check_size(self.name, capture)
         return capture
 

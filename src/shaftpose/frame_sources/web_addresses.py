@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
@@ -19,6 +20,7 @@ from shaftpose.image_files.reading import is_image
 
 _PATIENCE_S = 30.0
 # Playlists name other files, perhaps without end; pictures in parts come from cameras.
+_MISSING = (404, 410)  # of HTTP
 _LIVE = ("mpegurl", "dash+xml", "multipart/")
 _log = logging.getLogger(__name__)
 
@@ -74,10 +76,14 @@ class WebAddress:
 @contextmanager
 def _opened(address: str) -> Iterator[HTTPResponse | None]:
     """The answer of a server that sends a file of a stated size; None for live streams, and where
-    only OpenCV may know what to do."""
+    only OpenCV may know what to do. Raises InputError if the server has nothing at this address."""
     try:
         response = urlopen(address, timeout=_PATIENCE_S)
-    except (OSError, ValueError, HTTPException):
+    except (OSError, ValueError, HTTPException) as error:
+        if isinstance(error, HTTPError) and error.code in _MISSING:
+            raise InputError(
+                f"{address}: the server answers {error.code}: {error.reason}"
+            ) from error
         yield None
         return
     with response:
