@@ -1,5 +1,6 @@
 """Results of an interrupted run."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -87,6 +88,17 @@ def test_a_source_that_is_named_twice_is_done_twice(tmp_path: Path) -> None:
     film, image = VideoFile(Path("film.mp4")), ImageFile(Path("f/a.png"))
     left = list(earlier.rest([film, image, image, film, image]))
     assert left == [replace(film, first=3), replace(film, first=1), image]
+
+
+def test_a_foreign_line_is_named_by_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "predictions.jsonl"
+    lines = [json.dumps({"image": "a.mp4", "frame": n, "time_s": n / 25}) for n in range(3)]
+    path.write_text("\n".join([*lines, "checked by hand", ""]))
+    before = path.read_bytes()
+    message = f"^{path}: after 3 frames, holds no results of --format jsonl; remove it from there"
+    with pytest.raises(InputError, match=message):
+        continued(path, "jsonl", tracked=False, drawn=False)
+    assert path.read_bytes() == before
 
 
 def test_a_table_of_another_form_is_left_alone(tmp_path: Path) -> None:

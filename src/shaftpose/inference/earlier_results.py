@@ -61,10 +61,15 @@ def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
         return Earlier({})
     with naming_unwritable(path), path.open("rb+") as file:
         hold(file, path)
+        rows: list[Row] = []
         try:
-            rows = list(_READERS[style](file))
+            for row in _READERS[style](file):
+                rows.append(row)  # noqa: PERF402 not `extend`: the error tells how far it came
         except (ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{path}: holds no results of --format {style}; remove it") from error
+            place, part = (f"after {len(rows)} frames, ", " from there on") if rows else ("", "")
+            raise InputError(
+                f"{path}: {place}holds no results of --format {style}; remove it{part}"
+            ) from error
         kept = _kept(rows, tracked, drawn)
         file.truncate(rows[len(kept)].start if rows else 0)
     again = frozenset(row.source for row in rows[len(kept) :])
