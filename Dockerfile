@@ -21,6 +21,6 @@ RUN python3.11 -m venv .venv \
 
 COPY . .
 RUN make env
-ENV PATH=/shaftpose/.venv/bin:$PATH
+ENV PATH=/shaftpose/.venv/bin:$PATH GLIBC_TUNABLES=glibc.malloc.hugetlb=1
 
 CMD ["make", "help"]

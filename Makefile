@@ -12,9 +12,12 @@ VARIANTS = $(or $(shell $(BIN)/python -c 'import yaml; print(*yaml.safe_load(ope
 JOBS ?= $(shell if nvidia-smi -L >/dev/null 2>&1; then echo 1; else n=$$(nproc); v=$(words $(VARIANTS)); echo $$((n < v ? n : v)); fi)
 THREADS ?= $(shell n=$$(nproc); echo $$((n > $(JOBS) ? n / $(JOBS) : 1)))
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+# Memory in huge pages, in which networks are faster (docs/training.md); `make env` sets this in
+# .venv/bin/activate, too.
+export GLIBC_TUNABLES ?= glibc.malloc.hugetlb=1
 
 .DEFAULT_GOAL := help
-.PHONY: help env repro report test lint format bench bench-inference bench-soak bench-render bench-train ui figures large-frames film architecture results clean
+.PHONY: help env repro report test lint format bench bench-inference bench-soak bench-render bench-train bench-pages ui figures large-frames film architecture results clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z%-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -27,6 +30,7 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
 	$(BIN)/pip install --quiet -e '.[dev]' -c constraints.txt
+	echo 'export GLIBC_TUNABLES="$${GLIBC_TUNABLES:-glibc.malloc.hugetlb=1}"' >> $(BIN)/activate
 	touch $@
 
 repro: $(READY)  ## run the whole pipeline (params.yaml: profile), then print the ablation
@@ -79,6 +83,9 @@ bench-render: $(READY)  ## measure images/s, quality and memory of the renderer,
 
 bench-train: $(READY)  ## measure images/s of the network's step alone and of whole trainings
 	python -m benchmarks.training
+
+bench-pages: $(READY)  ## measure the gain from memory in huge pages, on an idle machine
+	python -m benchmarks.page_size
 
 ui: $(READY)  ## serve mlflow.db, and print the addresses of its tables (a server in tracking.uri has its own pages)
 	@python -m shaftpose.tracking

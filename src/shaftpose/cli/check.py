@@ -13,6 +13,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from shaftpose import huge_pages
 from shaftpose.core.errors import InputError
 from shaftpose.inference.model_files import DEFAULT
 from shaftpose.origin import processor
@@ -25,6 +26,8 @@ def run(options: argparse.Namespace) -> None:
     """Print each finding. Raises InputError if prediction would fail."""
     print(f"python: {platform.python_version()}, {platform.platform()}")
     print(f"processor: {processor()}, {os.cpu_count()} cores")
+    if command := huge_pages.advice():
+        print(f"memory: not in huge pages, in which networks are faster; before: {command}")
     name = options.model or DEFAULT
     checks: dict[str, Callable[[], str]]
     checks = {"packages": packages, "videos": videos, "model": partial(model, name)}
