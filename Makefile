@@ -85,7 +85,7 @@ bench-train: $(READY)  ## measure images/s of the network's step alone and of wh
 	python -m benchmarks.training
 
 bench-pages: $(READY)  ## measure the gain from memory in huge pages, on an idle machine
-	python -m benchmarks.page_size
+	OMP_NUM_THREADS=1 python -m benchmarks.page_size
 
 ui: $(READY)  ## serve mlflow.db, and print the addresses of its tables (a server in tracking.uri has its own pages)
 	@python -m shaftpose.tracking
