@@ -7,6 +7,7 @@ from pathlib import Path
 
 import psutil
 
+from shaftpose.huge_pages import TUNABLES
 from shaftpose.origin import processor
 
 # Of results. `make` and `BENCHMARKS=benchmarks/results` record them for the documentation.
@@ -23,6 +24,7 @@ def machine() -> dict[str, str | int | float | None]:
         "cores": os.cpu_count(),
         "memory_gib": round(psutil.virtual_memory().total / 2**30, 1),
         "python": platform.python_version(),
+        "tunables": os.environ.get(TUNABLES, ""),
         "date": datetime.now(UTC).date().isoformat(),
     }
 

@@ -16,8 +16,10 @@ _OLDEST = 2, 35  # GNU C library that knows the tunable
 
 def advice() -> str:
     """What to type for huge pages; empty if they are given anyway, or cannot be had like this."""
+    if not _MODE.is_file() or "[madvise]" not in _MODE.read_text():
+        return ""
     library, version = platform.libc_ver()
     known = library == "glibc" and tuple(map(int, version.split(".")[:2])) >= _OLDEST
-    on_request = _MODE.is_file() and "[madvise]" in _MODE.read_text()
-    asked = "glibc.malloc.hugetlb=" in os.environ.get(TUNABLES, "")
-    return f"export {TUNABLES}={ASK}" if known and on_request and not asked else ""
+    others = os.environ.get(TUNABLES, "")
+    asked = "glibc.malloc.hugetlb=" in others
+    return f"export {TUNABLES}={':'.join(filter(None, (others, ASK)))}" * (known and not asked)

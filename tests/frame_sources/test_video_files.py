@@ -108,6 +108,14 @@ def test_times_that_step_back_or_are_missing_are_filled() -> None:
     )
 
 
+def test_a_single_wrong_time_moves_no_other() -> None:
+    clock = FilmClock(fps=10)
+    stated = [4.9, 5.0, 0.5, 5.2, 5.3, 0.1, 0.2, 0.3]
+    assert [clock.time_s(time) for time in stated] == pytest.approx(
+        [4.9, 5.0, 5.1, 5.2, 5.3, 5.4, 5.5, 5.6]
+    )
+
+
 def test_the_last_frame_may_be_shown_for_long(tmp_path: Path) -> None:
     path = write_matroska(tmp_path / "clip.mkv", [40, 80, 120], [0, 40, 2000], 3900)
     assert len(list(VideoFile(path).frames(fail))) == 3

@@ -259,22 +259,24 @@ def test_a_fisheye_lens_is_known_in_other_words(line: str, fisheye: bool, path: 
 
 
 @pytest.mark.parametrize(
-    ("coefficients", "large"),
+    ("coefficients", "said", "large"),
     [
-        ("-0.02, 0.1, -0.14, 0.08", "-0.14, 0.08"),
-        ("-0.3, 0.1, 0.004, -0.02", ""),
-        ("-0.3, 0.1, 0.1, 0.1, 0.3", ""),
+        ("-0.02, 0.1, -0.14, 0.08", "", "-0.14, 0.08"),
+        ("-0.02, 0.1, -0.14, 0.08", "distortion_model: plumb_bob\n", ""),
+        ("-0.02, 0.1, -0.14, 0.08", "fisheye_model: 0\n", ""),
+        ("-0.3, 0.1, 0.004, -0.02", "", ""),
+        ("-0.3, 0.1, 0.1, 0.1, 0.3", "", ""),
     ],
 )
 def test_coefficients_that_may_be_a_fisheye_lens_are_doubted(
-    coefficients: str, large: str, tmp_path: Path
+    coefficients: str, said: str, large: str, tmp_path: Path
 ) -> None:
-    path, said = tmp_path / "camera.yml", list[str]()
+    path, warnings = tmp_path / "camera.yml", list[str]()
     count = coefficients.count(",") + 1
     file = PINHOLE.replace("rows: 5", f"rows: {count}").replace("0, 0, 0, 0, 0", coefficients)
-    path.write_text(file)
-    read_camera(path, said.append)
-    assert said == (
+    path.write_text(file + said)
+    read_camera(path, warnings.append)
+    assert warnings == (
         [f"{path}: its last coefficients of distortion, [{large}], are taken for p1 and p2, and "
          "are large for them: if they are k3 and k4 of a fisheye lens, add fisheye_model: 1"]
         if large else []

@@ -86,12 +86,12 @@ def _mp4_header(path: Path) -> bytes:
     """The content of the box `moov`; empty for other containers."""
     with path.open("rb") as file:
         size = path.stat().st_size
-        start = 0
-        for end in _box_ends(file, size):
-            file.seek(start)
-            if file.read(8)[4:] == b"moov":
-                return file.read(min(end - start - 8, _MP4_HEADER))
-            start = end
+        for start in (0, *_box_ends(file, size)):
+            file.seek(min(start, size))
+            head = file.read(8)
+            if head[4:] == b"moov":
+                length = int.from_bytes(head[:4], "big") or size  # 0: to the end
+                return file.read(min(max(length - 8, 0), _MP4_HEADER))
     return b""
 
 

@@ -20,8 +20,8 @@ from shaftpose.image_files.reading import is_image
 
 _PATIENCE_S = 30.0
 # Playlists name other files, perhaps without end; pictures in parts come from cameras.
-_MISSING = (404, 410)  # of HTTP
 _LIVE = ("mpegurl", "dash+xml", "multipart/")
+_MISSING = (404, 410)  # of HTTP
 _log = logging.getLogger(__name__)
 
 

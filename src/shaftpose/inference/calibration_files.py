@@ -105,21 +105,13 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
     Raises InputError naming the file and the faulty entry.
     """
     try:
-        camera, cameras = _camera_in(path)
+        camera, notes = _camera_in(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, SystemError, cv2.error) as error:
         raise _no_calibration(path) from error
-    if cameras > 1:
-        warn(f"{path}: holds two cameras: the first one, M1 and D1, is taken for all frames")
-    if not camera.fisheye and len(camera.distortion) in _OF_FISHEYE:
-        tangential = camera.distortion[2:]
-        if np.abs(tangential).max() > _MOST_TANGENTIAL:
-            warn(
-                f"{path}: its last coefficients of distortion, {tangential.tolist()}, are taken "
-                "for p1 and p2, and are large for them: if they are k3 and k4 of a fisheye lens, "
-                "add fisheye_model: 1"
-            )
+    for note in notes:
+        warn(f"{path}: {note}")
     if camera.size is not None:
         camera(*camera.size)
         if not camera.is_centred(*camera.size):  # as for a part of frames it may be
@@ -130,8 +122,8 @@ def read_camera(path: Path, warn: Callable[[str], None]) -> CameraFile:
     return camera
 
 
-def _camera_in(path: Path) -> tuple[CameraFile, int]:
-    """The camera in a file, and the number of cameras in it. Raises OpenCV's exceptions, too."""
+def _camera_in(path: Path) -> tuple[CameraFile, list[str]]:
+    """The camera in a file, and doubts about it. Raises OpenCV's exceptions, too."""
     storage = _opened(path)
     fisheye = _is_fisheye(path, storage)
     matrix = _numbers(path, storage, _MATRICES, (9,)).reshape(3, 3)
@@ -142,7 +134,18 @@ def _camera_in(path: Path) -> tuple[CameraFile, int]:
         )
     distortion = _numbers(path, storage, _DISTORTIONS, _OF_FISHEYE if fisheye else _COEFFICIENTS)
     camera = CameraFile(path, _size(path, storage), matrix, distortion, fisheye)
-    return camera, 1 if storage.getNode("M2").empty() else 2
+    notes = []
+    if not storage.getNode("M2").empty():
+        notes.append("holds two cameras: the first one, M1 and D1, is taken for all frames")
+    names = list(storage.root().keys())
+    stated = fisheye or any(name == _MODEL or _FISHEYE.search(name) for name in names)
+    tangential = distortion[2:] if len(distortion) in _OF_FISHEYE and not stated else np.zeros(2)
+    if np.abs(tangential).max() > _MOST_TANGENTIAL:
+        notes.append(
+            f"its last coefficients of distortion, {tangential.tolist()}, are taken for p1 and p2, "
+            "and are large for them: if they are k3 and k4 of a fisheye lens, add fisheye_model: 1"
+        )
+    return camera, notes
 
 
 def _opened(path: Path) -> cv2.FileStorage:
