@@ -38,7 +38,7 @@ FOLDERS = {
 }
 EVERYWHERE = ("core", "settings")
 # Top-level files. Within the package, those in `GROUND` import only each other.
-GROUND = {"__init__", "stage_files", "origin", "source_code"}
+GROUND = {"__init__", "huge_pages", "stage_files", "origin", "source_code"}
 # Tool -> path prefixes of the files that may import it.
 OWNERS = {
     "bpy": ("src/shaftpose/rendering/",),
