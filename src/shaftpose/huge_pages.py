@@ -19,7 +19,9 @@ def advice() -> str:
     if not _MODE.is_file() or "[madvise]" not in _MODE.read_text():
         return ""
     library, version = platform.libc_ver()
-    known = library == "glibc" and tuple(map(int, version.split(".")[:2])) >= _OLDEST
+    if library != "glibc" or tuple(map(int, version.split(".")[:2])) < _OLDEST:
+        return ""
     others = os.environ.get(TUNABLES, "")
-    asked = "glibc.malloc.hugetlb=" in others
-    return f"export {TUNABLES}={':'.join(filter(None, (others, ASK)))}" * (known and not asked)
+    if "glibc.malloc.hugetlb=" in others:
+        return ""
+    return f"export {TUNABLES}={others + ':' if others else ''}{ASK}"
