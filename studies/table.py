@@ -1,6 +1,6 @@
 """Repeated trainings on the results page: tables, verdicts and pictures of each scale."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from matplotlib.figure import Figure
@@ -38,7 +38,8 @@ class CommonErrors:
 @dataclass(frozen=True)
 class ScaleTables:
     """Trainings of one scale: a heading, a sentence on their settings, their seeds, accuracy,
-    common errors, silhouettes ("" if they were not measured), and paths of two pictures."""
+    common errors, silhouettes ("" if they were not measured), and paths of two pictures, "" unless
+    several trainings are compared."""
 
     heading: str
     sentence: str
@@ -52,7 +53,10 @@ class ScaleTables:
 
 def scale_tables(records: Sequence[EvaluatedTraining]) -> list[ScaleTables]:
     """The tables of each scale of these trainings."""
-    return [_of_scale(scale, alike) for scale, alike in by_scale(records).items()]
+    scales = by_scale(records)
+    return [
+        _of_scale(heading, scale, scales[scale]) for scale, heading in _headings(scales).items()
+    ]
 
 
 def difference_table(records: Sequence[EvaluatedTraining]) -> str:
@@ -61,19 +65,29 @@ def difference_table(records: Sequence[EvaluatedTraining]) -> str:
     if not (differing := distinctions(list(scales))):
         return ""
     lines = [[name, *map(str, values)] for name, values in differing.items()]
-    return pipe_table(["Setting", *(_heading(*one) for one in scales.items())], lines)
+    return pipe_table(["Setting", *_headings(scales).values()], lines)
 
 
-def _heading(scale: Scale, alike: Sequence[EvaluatedTraining]) -> str:
-    turned = ", symmetries" if all(one.variant.get("symmetries") for one in alike) else ""
-    return f"{scale.training_images:,} images, {scale.steps:,} steps{turned}"
+def _headings(scales: Mapping[Scale, Sequence[EvaluatedTraining]]) -> dict[Scale, str]:
+    """The heading of each scale; of those with equal ones, all but the first also say in which
+    settings they differ from the first."""
+    first, found = dict[str, Scale](), dict[Scale, str]()
+    for scale, alike in scales.items():
+        turned = ", symmetries" if all(one.variant.get("symmetries") for one in alike) else ""
+        heading = f"{scale.training_images:,} images, {scale.steps:,} steps{turned}"
+        differing = distinctions([first.setdefault(heading, scale), scale])
+        settings = [f"{name.rpartition('.')[2]} {own}" for name, (_, own) in differing.items()]
+        found[scale] = ", ".join([heading, *settings])
+    return found
 
 
 def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
-    """Learning curves of all trainings of a scale, and binned errors of one of each variant, by
-    path relative to the page."""
+    """Learning curves of all trainings of a scale that has several, and binned errors of one of
+    each variant, by path relative to the page."""
     found = {}
     for scale, alike in by_scale(records).items():
+        if not _are_several(alike):
+            continue
         by_title: dict[str, list[EvaluatedTraining]] = {}
         for record in alike:
             title = record.row.shown_title(_domain_of(alike))
@@ -92,6 +106,11 @@ def repeated_figures(records: Sequence[EvaluatedTraining]) -> dict[str, Figure]:
     return found
 
 
+def _are_several(alike: Sequence[EvaluatedTraining]) -> bool:
+    """Whether records are of more than one training, which may have some of refined poses."""
+    return len({(one.row.variant, one.row.seeds) for one in alike}) > 1
+
+
 def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
     """The domain of the images without poses that were mixed in or measured."""
     mixed_in = {record.mixed_in.domain for record in alike if record.mixed_in}
@@ -99,20 +118,20 @@ def _domain_of(alike: Sequence[EvaluatedTraining]) -> str:
     return REAL if REAL in mixed_in | measured else STAND_IN
 
 
-def _of_scale(scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
+def _of_scale(heading: str, scale: Scale, alike: Sequence[EvaluatedTraining]) -> ScaleTables:
     rows, domain_label = rows_of(alike), _domain_of(alike)
     seeds = "; ".join(
         f"{row.title_cell(domain_label)}: {', '.join(map(str, row.seeds))}" for row in rows
     )
     return ScaleTables(
-        heading=_heading(scale, alike),
+        heading=heading,
         sentence=scale.sentence(),
         seeds=seeds,
         table=rows_beside_paper(rows, domain_label, ACCURACY),
         common=_common_errors(alike, domain_label) if len(alike) > 1 else None,
         silhouettes=table_ii(rows, domain_label) if any(row.silhouettes for row in rows) else "",
-        curves=_picture(CURVES_PICTURE, scale),
-        errors=_picture(ERRORS_PICTURE, scale),
+        curves=_picture(CURVES_PICTURE, scale) if _are_several(alike) else "",
+        errors=_picture(ERRORS_PICTURE, scale) if _are_several(alike) else "",
     )
 
 

@@ -242,6 +242,15 @@ def test_trainings_with_mirrored_and_turned_images_say_so():
     assert "\n### 900 images, 3,000 steps, symmetries\n" in page(record(row(7)), turned)
 
 
+def test_headings_tell_scales_of_equal_sizes_apart():
+    one = record(row(7))
+    wide = replace(one, recipe=one.recipe | {"size": one.recipe["size"] | {"width": 1.0}})
+    first, other = "900 images, 3,000 steps", "900 images, 3,000 steps, width 1.0"
+    text = page(one, wide)
+    assert f"| Setting | {first} | {other} |\n" in text
+    assert f"\n### {first}\n" in text and f"\n### {other}\n" in text
+
+
 def test_a_setting_that_differs_is_named_once():
     one = record(row(7))
     sizes = one.recipe["size"] | {"steps": 1000, "width": 1.0}
@@ -284,19 +293,24 @@ def test_errors_are_judged_on_the_same_instruments():
 
 def test_the_page_shows_the_pictures_that_are_drawn():
     trainings = [record(row(8, mAP=0.7)), record(row(9, mAP=0.7)), record(row(8, "c", mAP=0.1))]
-    other = record(row(8, mAP=0.7), alpha=0.5)
-    figures = repeated_figures([*trainings, other])
-    assert all(f"({name})" in page(*trainings, other) for name in figures)
-    # Curves and errors of the first scale, then of the other one.
+    others = [record(row(seed, mAP=0.7), alpha=0.5) for seed in (7, 8)]
+    alone = [
+        record(row(8, mAP=0.7), alpha=2.5),
+        record(replace(row(8), refinement="views"), alpha=2.5),
+    ]
+    figures = repeated_figures([*trainings, *others, *alone])
+    shown = re.findall(r"!\[[LE].*\]\((.*)\)", page(*trainings, *others, *alone))
+    assert shown == list(figures)
+    # Curves and errors of the first scale, then of the other one with several trainings.
     assert [len(figure.legends[0].texts) for figure in figures.values()] == [2, 2, 1, 1]
 
 
 def test_pictures_of_records_that_are_gone_are_removed(tmp_path: Path):
-    trainings = [record(row(8)), record(row(8), alpha=0.5)]
+    trainings = [record(row(seed), alpha=alpha) for alpha in (0.5, 1.5) for seed in (7, 8)]
     (tmp_path / "images").mkdir()
     (tmp_path / "images/binned_errors.png").write_bytes(b"of the recorded run")
     results_page.draw(repeated_figures(trainings), tmp_path)
-    results_page.draw(kept := repeated_figures(trainings[1:]), tmp_path)
+    results_page.draw(kept := repeated_figures(trainings[2:]), tmp_path)
     assert {path.name for path in (tmp_path / "images").iterdir()} == {
         "binned_errors.png", *(Path(name).name for name in kept)
     }  # fmt: skip
@@ -310,7 +324,7 @@ def test_the_page_shows_sweeps():
 
 
 def test_a_page_elsewhere_links_to_the_documentation():
-    text = page(record(row(7)))
+    text = page(record(row(7)), record(row(8)))
     assert "[ablation.md](../docs/ablation.md)" in text
     assert "![Binned errors](../docs/images/binned_errors.png)" in text
     assert "![Learning curves](images/curves_" in text  # drawn beside the page
