@@ -111,7 +111,12 @@ class VideoFile:
             raise InputError(f"{self.path}: a video's name must be UTF-8; rename it")
         capture = opened(self.name)
         if not capture.isOpened():
-            raise InputError(f"{self.path}: neither an image nor a video that OpenCV can read")
+            if os.path.getsize(self.path) == 0:
+                raise InputError(f"{self.path}: an empty file; copy it again")
+            raise InputError(
+                f"{self.path}: neither an image nor a video that OpenCV can read; if it shows "
+                "frames, as DICOM files do, convert it to PNG, JPEG or MP4"
+            )
         if is_mirrored(self.path):
             raise InputError(
                 f"{self.path}: asks for a mirrored picture; convert it: ffmpeg -i OLD NEW.mp4"
