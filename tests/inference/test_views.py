@@ -137,6 +137,27 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
     assert View(calibration, MODEL).fine_picture(frame[:299, :299]) is None
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "aspect", "crop", "warned"),
+    [
+        (1280, 480, 1.0, None, True),  # two pictures of 4:3
+        (720, 480, 1.6, None, True),  # stored in half the width
+        (1280, 480, 1.0, (0, 0, 640, 480), False),
+        (2560, 1080, 1.0, None, False),  # the widest usual screen
+    ],
+)
+def test_frames_as_wide_as_two_pictures_may_be_of_a_stereo_camera(
+    width: int, height: int, aspect: float, crop: Crop | None, warned: bool
+) -> None:
+    warnings: list[str] = []
+    views(None, MODEL, 299, crop, warnings.append)(width, height, aspect)
+    hint = (
+        f"frames of {width} x {height} px are as wide as two pictures: if they are the two eyes of "
+        "a stereo camera, choose one by --crop"
+    )
+    assert warnings == ([hint] if warned else [])
+
+
 def test_a_camera_that_sees_less_than_the_model_is_warned_of_once() -> None:
     warnings: list[str] = []
     narrow = views(stated_view(60.0), MODEL, None, None, warnings.append)

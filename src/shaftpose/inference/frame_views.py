@@ -19,6 +19,7 @@ from shaftpose.inference.views import View
 ASSUMED_VIEW_DEG = 65.0
 _LEAST_PX, _LONGEST_ASPECT = 64, 4.0  # of frames that networks of any size see whole
 _LEAST_COVERED = 0.95
+_TWO_PICTURES = 2.4  # aspect: no usual screen is as wide; two pictures of 5:4 or 4:3 are
 _CACHED = 4  # views, of up to some tens of MB each
 _SQUARES_ALONE = (
     "this model sees squares: of other frames, it looks at the central square alone; name another "
@@ -44,7 +45,13 @@ def views(
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int, aspect: float) -> View:
         if crop is None:
-            return _view(camera, model, frame_px, (0, 0, width, height), aspect, warn)
+            whole = _view(camera, model, frame_px, (0, 0, width, height), aspect, warn)
+            if aspect * width >= _TWO_PICTURES * height:
+                warn(
+                    f"frames of {width} x {height} px are as wide as two pictures: if they are the "
+                    "two eyes of a stereo camera, choose one by --crop"
+                )
+            return whole
         x, y, part_width, part_height = crop
         option = f"--crop {x},{y},{part_width},{part_height}"
         if min(x, y) < 0 or x + part_width > width or y + part_height > height:
