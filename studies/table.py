@@ -76,7 +76,7 @@ def _headings(scales: Mapping[Scale, Sequence[EvaluatedTraining]]) -> dict[Scale
         turned = ", symmetries" if all(one.variant.get("symmetries") for one in alike) else ""
         heading = f"{scale.training_images:,} images, {scale.steps:,} steps{turned}"
         differing = distinctions([first.setdefault(heading, scale), scale])
-        settings = [f"{name.rpartition('.')[2]} {own}" for name, (_, own) in differing.items()]
+        settings = [f"{name} {own}" for name, (_, own) in differing.items()]
         found[scale] = ", ".join([heading, *settings])
     return found
 

@@ -10,7 +10,7 @@ from shaftpose.core.errors import InputError
 from shaftpose.core.geometry import Camera
 from shaftpose.core.images import Image
 from shaftpose.inference.calibration import Calibration
-from shaftpose.inference.calibration_files import CameraFile, stated_view
+from shaftpose.inference.calibration_files import CameraFile, FrameCamera, stated_view
 from shaftpose.inference.frame_views import Crop, Views, views
 from shaftpose.inference.views import View
 
@@ -141,16 +141,22 @@ def test_a_square_has_up_to_three_times_the_models_pixels(
     ("width", "height", "aspect", "crop", "warned"),
     [
         (1280, 480, 1.0, None, True),  # two pictures of 4:3
-        (720, 480, 1.6, None, True),  # stored in half the width
+        (720, 576, 2.0, None, True),  # two of 5:4, stored in half the width
         (1280, 480, 1.0, (0, 0, 640, 480), False),
-        (2560, 1080, 1.0, None, False),  # the widest usual screen
+        (3840, 1600, 1.0, None, False),  # the widest usual screen
     ],
 )
+@pytest.mark.parametrize("camera", [None, stated_view(65.0)], ids=["unknown", "stated"])
 def test_frames_as_wide_as_two_pictures_may_be_of_a_stereo_camera(
-    width: int, height: int, aspect: float, crop: Crop | None, warned: bool
+    width: int,
+    height: int,
+    aspect: float,
+    crop: Crop | None,
+    warned: bool,
+    camera: FrameCamera | None,
 ) -> None:
     warnings: list[str] = []
-    views(None, MODEL, 299, crop, warnings.append)(width, height, aspect)
+    views(camera, MODEL, 299, crop, warnings.append)(width, height, aspect)
     hint = (
         f"frames of {width} x {height} px are as wide as two pictures: if they are the two eyes of "
         "a stereo camera, choose one by --crop"

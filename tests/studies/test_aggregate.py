@@ -245,7 +245,7 @@ def test_trainings_with_mirrored_and_turned_images_say_so():
 def test_headings_tell_scales_of_equal_sizes_apart():
     one = record(row(7))
     wide = replace(one, recipe=one.recipe | {"size": one.recipe["size"] | {"width": 1.0}})
-    first, other = "900 images, 3,000 steps", "900 images, 3,000 steps, width 1.0"
+    first, other = "900 images, 3,000 steps", "900 images, 3,000 steps, size.width 1.0"
     text = page(one, wide)
     assert f"| Setting | {first} | {other} |\n" in text
     assert f"\n### {first}\n" in text and f"\n### {other}\n" in text

@@ -19,7 +19,7 @@ from shaftpose.inference.views import View
 ASSUMED_VIEW_DEG = 65.0
 _LEAST_PX, _LONGEST_ASPECT = 64, 4.0  # of frames that networks of any size see whole
 _LEAST_COVERED = 0.95
-_TWO_PICTURES = 2.4  # aspect: no usual screen is as wide; two pictures of 5:4 or 4:3 are
+_TWO_PICTURES = 2.45  # aspect: no usual screen is as wide; two pictures of 5:4 or 4:3 are
 _CACHED = 4  # views, of up to some tens of MB each
 _SQUARES_ALONE = (
     "this model sees squares: of other frames, it looks at the central square alone; name another "
@@ -39,14 +39,15 @@ def views(
     camera: None if it is unknown. model: the camera of the model's training images. frame_px: the
     shorter side of pictures of whole frames; None: the model sees squares, by its own camera. crop:
     the part of all frames to look at, of which `camera` is the camera. warn: gets what is not seen
-    of frames of each size.
+    of frames of each size, and a hint if they may be two pictures.
     """
 
     @lru_cache(maxsize=_CACHED)
     def view(width: int, height: int, aspect: float) -> View:
         if crop is None:
             whole = _view(camera, model, frame_px, (0, 0, width, height), aspect, warn)
-            if aspect * width >= _TWO_PICTURES * height:
+            pixel = aspect if camera is None else camera(width, height, aspect).aspect
+            if pixel * width >= _TWO_PICTURES * height:
                 warn(
                     f"frames of {width} x {height} px are as wide as two pictures: if they are the "
                     "two eyes of a stereo camera, choose one by --crop"
