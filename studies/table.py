@@ -123,6 +123,7 @@ def _of_scale(heading: str, scale: Scale, alike: Sequence[EvaluatedTraining]) ->
     seeds = "; ".join(
         f"{row.title_cell(domain_label)}: {', '.join(map(str, row.seeds))}" for row in rows
     )
+    curves, errors = (_picture(name, scale) if _are_several(alike) else "" for name in PICTURES)
     return ScaleTables(
         heading=heading,
         sentence=scale.sentence(),
@@ -130,8 +131,8 @@ def _of_scale(heading: str, scale: Scale, alike: Sequence[EvaluatedTraining]) ->
         table=rows_beside_paper(rows, domain_label, ACCURACY),
         common=_common_errors(alike, domain_label) if len(alike) > 1 else None,
         silhouettes=table_ii(rows, domain_label) if any(row.silhouettes for row in rows) else "",
-        curves=_picture(CURVES_PICTURE, scale) if _are_several(alike) else "",
-        errors=_picture(ERRORS_PICTURE, scale) if _are_several(alike) else "",
+        curves=curves,
+        errors=errors,
     )
 
 
