@@ -31,11 +31,6 @@ class CocoInstrument:
     occluded: bool
     axis: tuple[Point, Point] = (UNKNOWN_POINT, UNKNOWN_POINT)
 
-    @property
-    def is_located(self) -> bool:
-        """Whether more than the box is known: the mask, or the tip."""
-        return self.mask is not None or bool(np.isfinite(self.axis[0]).all())
-
 
 @dataclass(frozen=True)
 class CocoTool:

@@ -62,9 +62,9 @@ def training_data(
     if variant.real_share > 0 and variant.views:
         frames = folders.mixed_in_images()
         shafts = [shaft for frame in frames for shaft in frame.instruments]
-        if shafts and not any(shaft.is_located for shaft in shafts):
+        if shafts and not any(shaft.mask is not None for shaft in shafts):
             raise InputError(
-                f"{folders.mixed_in}/train.json: no shaft has a `segmentation` or a tip, by which "
+                f"{folders.mixed_in}/train.json: no shaft has a `segmentation`, by which "
                 f"{variant.name} learns; outline the shafts, or train variant d_noise_real"
             )
         mixed_in = CocoFrames(frames, round(_FRAME_DENSITY * side_px))
