@@ -1,6 +1,5 @@
 """Results of an interrupted run."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -90,14 +89,16 @@ def test_a_source_that_is_named_twice_is_done_twice(tmp_path: Path) -> None:
     assert left == [replace(film, first=3), replace(film, first=1), image]
 
 
-def test_a_foreign_line_is_named_by_its_place(tmp_path: Path) -> None:
-    path = tmp_path / "predictions.jsonl"
-    lines = [json.dumps({"image": "a.mp4", "frame": n, "time_s": n / 25}) for n in range(3)]
-    path.write_text("\n".join([*lines, "checked by hand", ""]))
+@pytest.mark.parametrize("style", ["jsonl", "csv"])
+def test_a_foreign_line_is_named_by_its_place(style: str, tmp_path: Path) -> None:
+    path = written(tmp_path, style, FILM)
+    rows = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*rows[:-1], "checked by hand\n", rows[-1]]))
     before = path.read_bytes()
-    message = f"^{path}: after 3 frames, holds no results of --format jsonl; remove it from there"
+    frames = 2 if style == "jsonl" else 3  # a table has a row for each of the two shafts
+    message = f"^{path}: after {frames} frames, holds no results of --format {style}; remove it"
     with pytest.raises(InputError, match=message):
-        continued(path, "jsonl", tracked=False, drawn=False)
+        continued(path, style, tracked=False, drawn=False)
     assert path.read_bytes() == before
 
 

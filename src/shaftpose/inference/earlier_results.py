@@ -123,11 +123,14 @@ def _csv_rows(file: BinaryIO) -> Iterator[Row]:
                 end += len(line)
                 yield line.decode(errors=AS_NAMED)
 
-    for found in csv.reader(lines()):
+    rows = csv.reader(lines())
+    for found in rows:
         if start == 0 and found != list(CSV_COLUMNS):
             raise ValueError("another heading")
-        if len(found) < len(CSV_COLUMNS):  # the last name was cut
-            return
+        if len(found) < len(CSV_COLUMNS):
+            if next(rows, None) is not None:
+                raise ValueError("a row in between is too short")
+            return  # the last name was cut
         if start:
             name, number = found[0].removeprefix("./"), int(found[1])  # no `Path` begins with ./
             if (name, number) != last:
