@@ -90,10 +90,11 @@ def test_a_source_that_is_named_twice_is_done_twice(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("style", ["jsonl", "csv"])
-def test_a_foreign_line_is_named_by_its_place(style: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("foreign", ["checked by hand", '"' + 200_000 * "?"])
+def test_a_foreign_line_is_named_by_its_place(style: str, foreign: str, tmp_path: Path) -> None:
     path = written(tmp_path, style, FILM)
     rows = path.read_text().splitlines(keepends=True)
-    path.write_text("".join([*rows[:-1], "checked by hand\n", rows[-1]]))
+    path.write_text("".join([*rows[:-1], f"{foreign}\n", rows[-1]]))
     before = path.read_bytes()
     frames = 2 if style == "jsonl" else 3  # a table has a row for each of the two shafts
     message = f"^{path}: after {frames} frames, holds no results of --format {style}; remove it"

@@ -91,7 +91,7 @@ def test_a_model_of_real_images_names_its_encoder_and_whose_they_are(training: P
     assert "EfficientNet-lite0 has learned on ImageNet" in card
     assert "averaged with those after them; share of the latter: 0.5\n" in card
     assert "docs/real_images.md" in card and "Real images were not measured" not in card
-    assert card.endswith("Origins of its folder of images:\n\nFrames: somebody, MIT\n")
+    assert card.endswith("Origins of the real images:\n\nFrames: somebody, MIT\n")
 
 
 def refused(training: Path, message: str) -> None:

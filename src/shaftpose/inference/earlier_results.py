@@ -65,7 +65,7 @@ def continued(path: Path, style: str, tracked: bool, drawn: bool) -> Earlier:
         try:
             for row in _READERS[style](file):
                 rows.append(row)  # noqa: PERF402 not `extend`: the error tells how far it came
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, csv.Error) as error:
             place, part = (f"after {len(rows)} frames, ", " from there on") if rows else ("", "")
             raise InputError(
                 f"{path}: {place}holds no results of --format {style}; remove it{part}"

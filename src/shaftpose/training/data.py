@@ -65,7 +65,7 @@ def training_data(
         if shafts and not any(shaft.mask is not None for shaft in shafts):
             raise InputError(
                 f"{folders.mixed_in}/train.json: no shaft has a `segmentation`, by which "
-                f"{variant.name} learns; outline the shafts, or train variant d_noise_real"
+                f"{variant.name} learns; outline shafts in real.source, or train d_noise_real"
             )
         mixed_in = CocoFrames(frames, round(_FRAME_DENSITY * side_px))
     elif variant.real_share > 0:
