@@ -214,13 +214,27 @@ def _writer(name: str, first: Frame) -> cv2.VideoWriter:
 @cache
 def codec() -> str:
     """The codec of drawings: H.264, which browsers play, if this OpenCV writes it, else MPEG-4."""
-    log = getattr(cv2.utils, "logging", cv2)  # where OpenCV 4.14 and 4.11 have it
-    level = log.setLogLevel(0)
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, _errors_hidden():
         path, code = f"{folder}/video.mp4", cv2.VideoWriter.fourcc(*_H264)
         found = cv2.VideoWriter(path, code, 25, (64, 64)).isOpened()
-    log.setLogLevel(level)
     return _H264 if found else _MPEG4
+
+
+@contextmanager
+def _errors_hidden() -> Iterator[None]:
+    """Silence the standard error, to which FFmpeg writes even if OpenCV's log is off."""
+    try:
+        original = os.dup(2)
+    except OSError:  # it is closed
+        yield
+        return
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(original, 2)
+            os.close(original)
 
 
 def _writable_rate(fps: float) -> float:
