@@ -1,8 +1,9 @@
-"""Files: atomic writes, small CSV and JSON files, and errors of the disk."""
+"""Files: atomic writes, small CSV and JSON files, errors of the disk, and hidden output."""
 
 import csv
 import errno
 import json
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -87,3 +88,20 @@ def naming_full_disk(folder: Path) -> Iterator[None]:
             f"{folder}: {error.strerror}; make room there and run the command again: finished "
             "shards are kept"
         ) from error
+
+
+@contextmanager
+def output_hidden(descriptor: int) -> Iterator[None]:
+    """Silence what libraries write to standard output (1) or standard error (2), past Python."""
+    try:
+        original = os.dup(descriptor)
+    except OSError:  # it is closed
+        yield
+        return
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), descriptor)
+        try:
+            yield
+        finally:
+            os.dup2(original, descriptor)
+            os.close(original)

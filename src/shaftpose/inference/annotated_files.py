@@ -12,6 +12,7 @@ import numpy as np
 from cv2.typing import MatLike
 
 from shaftpose.core.errors import InputError
+from shaftpose.core.files import output_hidden
 from shaftpose.core.images import Image, encode_jpeg
 from shaftpose.figures.drawing import (
     FOUND,
@@ -214,27 +215,11 @@ def _writer(name: str, first: Frame) -> cv2.VideoWriter:
 @cache
 def codec() -> str:
     """The codec of drawings: H.264, which browsers play, if this OpenCV writes it, else MPEG-4."""
-    with TemporaryDirectory() as folder, _errors_hidden():
+    # FFmpeg writes to standard error even if OpenCV's log is off.
+    with TemporaryDirectory() as folder, output_hidden(2):
         path, code = f"{folder}/video.mp4", cv2.VideoWriter.fourcc(*_H264)
         found = cv2.VideoWriter(path, code, 25, (64, 64)).isOpened()
     return _H264 if found else _MPEG4
-
-
-@contextmanager
-def _errors_hidden() -> Iterator[None]:
-    """Silence the standard error, to which FFmpeg writes even if OpenCV's log is off."""
-    try:
-        original = os.dup(2)
-    except OSError:  # it is closed
-        yield
-        return
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(original, 2)
-            os.close(original)
 
 
 def _writable_rate(fps: float) -> float:

@@ -1,6 +1,5 @@
 """Silhouettes of estimated poses, rendered by Blender (paper, IV-B)."""
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -8,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from shaftpose.core.files import output_hidden
 from shaftpose.core.geometry import Camera, ShaftPose
 from shaftpose.rendering.blender import Renderer
 from shaftpose.settings.schema import RenderSettings
@@ -33,11 +33,5 @@ class SilhouetteRenderer:
 def blender_output_hidden() -> Iterator[None]:
     """Silence Blender, which writes its progress to standard output."""
     sys.stdout.flush()
-    original, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    try:
+    with output_hidden(1):
         yield
-    finally:
-        os.dup2(original, 1)
-        os.close(original)
-        os.close(nowhere)
